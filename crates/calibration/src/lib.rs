@@ -1,0 +1,1 @@
+//! From recordings to each gauge's actual sensing frame, with what the data can and cannot see

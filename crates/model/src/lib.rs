@@ -1,0 +1,1 @@
+//! Kinematics, loads, sensing frames and the wrench estimator of an arm with joint torque sensors

@@ -1,0 +1,1 @@
+//! A robot as configured: configuration, run directories, and the cycle from CAN frames to a wrench

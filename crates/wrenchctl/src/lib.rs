@@ -1,0 +1,1 @@
+//! Command-line tool of wrenchd: calibrate, validate, simulate, replay, dump, demo

@@ -1,0 +1,1 @@
+//! Real-time daemon: end-effector wrench from joint torque sensors over SocketCAN
