@@ -1,1 +1,5 @@
 //! Kinematics, loads, sensing frames and the wrench estimator of an arm with joint torque sensors
+
+pub mod chain;
+pub mod spatial;
+pub mod urdf;
