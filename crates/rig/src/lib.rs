@@ -4,6 +4,7 @@ pub mod config;
 mod document;
 mod error;
 pub mod run;
+pub mod wire;
 
 pub use config::Config;
 pub use error::RigError;
