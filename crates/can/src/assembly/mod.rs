@@ -1,0 +1,336 @@
+//! Frames to snapshots: the rounds of the architecture notes, exactly and as a function of frames and stamps alone
+//!
+//! A round ends when every message that is due has arrived, when a message that already arrived in it arrives again, or
+//! when a frame comes that by the learned rhythm belongs to the next cycle of the boards. Counters, duplicates,
+//! overtaken frames, wrong lengths and steps of the clock are dealt with before a frame counts as an arrival.
+
+mod close;
+mod layout;
+mod rounds;
+mod snapshot;
+
+use crate::decode::{DecodeTable, Outcome, Value};
+use crate::error::Result;
+use crate::frame::{MAX_LEN, Stamped};
+use crate::sequence::{Sequence, SequenceCounts, Step};
+use layout::{Compiled, GaugeSlots, Role};
+pub use layout::{GaugeBinding, JointBinding, Layout, SignalBinding};
+use rounds::{Rhythm, Stream};
+pub use snapshot::{Absence, JointReading, Reading, Signal, Snapshot};
+
+/// Stamps that differ by more than this from the latest are a step of the clock, or a silent bus
+const STEP_NS: i64 = 1_000_000_000;
+
+/// What the assembler met since the start
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct AssemblyCounts {
+    /// Frames pushed
+    pub frames: u64,
+    /// Frames that no gauge or joint needs
+    pub unbound: u64,
+    /// Needed frames with another length than the DBC says
+    pub wrong_length: u64,
+    /// Frames whose counter did not advance
+    pub repeated: u64,
+    /// Identical frames in short succession, where there is no counter
+    pub duplicates: u64,
+    /// Frames older than one of the same message before them
+    pub late: u64,
+    /// Frames that came after their round had ended
+    pub after_round: u64,
+    /// Steps of the stamps by more than a second backwards
+    pub steps_back: u64,
+    /// Steps of the stamps by more than a second forwards: a step of the clock, or a silent bus
+    pub steps_forward: u64,
+    /// Rounds that ended
+    pub rounds: u64,
+    /// Rounds in which every gauge and joint had a reading
+    pub complete_rounds: u64,
+    /// Messages that were waited for in vain
+    pub missed: u64,
+    /// Rounds not handed on: of two cycles at the start, or cut by a step of the stamps
+    pub discarded_rounds: u64,
+}
+
+/// Last value of a signal
+#[derive(Clone, Copy, Debug, Default)]
+struct Held {
+    seen: bool,
+    value: f64,
+    stamp_ns: i64,
+    at_ns: i64,
+}
+
+/// Last frame of a message
+#[derive(Clone, Debug)]
+struct Previous {
+    stamp_ns: Option<i64>,
+    data: [u8; MAX_LEN],
+}
+
+/// Builds snapshots from frames; all memory is taken at construction
+#[derive(Debug)]
+pub struct Assembler {
+    compiled: Compiled,
+    stale_after_ns: i64,
+    temperature_stale_after_ns: i64,
+    sequences: Vec<Sequence>,
+    streams: Vec<Stream>,
+    previous: Vec<Previous>,
+    held: Vec<Held>,
+    pending: Vec<Value>,
+    rhythm: Rhythm,
+    round: u64,
+    open: bool,
+    /// The next round to end is the rest of one that was cut
+    discard: bool,
+    latest_ns: Option<i64>,
+    last_instant_ns: i64,
+    last_stamp_ns: i64,
+    out: [Snapshot; 2],
+    ready: usize,
+    counts: AssemblyCounts,
+}
+
+impl Assembler {
+    /// Compiles a layout
+    pub fn new(layout: &Layout) -> Result<Self> {
+        let compiled = layout.compile()?;
+        let empty = Snapshot::empty(layout.gauges.len(), layout.joints.len());
+        Ok(Self {
+            stale_after_ns: layout.stale_after_ns,
+            temperature_stale_after_ns: layout.temperature_stale_after_ns,
+            sequences: compiled.sequence_bits.iter().map(|&bits| Sequence::new(bits)).collect(),
+            streams: vec![Stream::new(); compiled.stream_messages.len()],
+            previous: vec![Previous { stamp_ns: None, data: [0; MAX_LEN] }; compiled.table.messages().len()],
+            held: vec![Held::default(); compiled.roles.len()],
+            pending: Vec::with_capacity(compiled.table.max_values_per_frame()),
+            compiled,
+            rhythm: Rhythm::default(),
+            round: 0,
+            open: false,
+            discard: false,
+            latest_ns: None,
+            last_instant_ns: 0,
+            last_stamp_ns: 0,
+            out: [empty.clone(), empty],
+            ready: 0,
+            counts: AssemblyCounts::default(),
+        })
+    }
+
+    /// The decode table: which messages are needed, for filters and statistics
+    pub fn table(&self) -> &DecodeTable {
+        &self.compiled.table
+    }
+
+    /// What was met since the start
+    pub fn counts(&self) -> AssemblyCounts {
+        self.counts
+    }
+
+    /// Totals of all frame counters together
+    pub fn sequence_counts(&self) -> SequenceCounts {
+        self.sequences.iter().map(Sequence::counts).fold(SequenceCounts::default(), |a, b| SequenceCounts {
+            advanced: a.advanced + b.advanced,
+            missing: a.missing + b.missing,
+            repeated: a.repeated + b.repeated,
+            behind: a.behind + b.behind,
+            jumps: a.jumps + b.jumps,
+        })
+    }
+
+    /// Takes the next frame; the snapshots that it completes, oldest first: mostly none or one, two where a frame ends a
+    /// round that waited in vain and completes the next by itself
+    ///
+    /// Bounded work (gauges + joints), no allocation.
+    pub fn push(&mut self, stamped: &Stamped) -> &[Snapshot] {
+        self.ready = 0;
+        self.counts.frames += 1;
+        self.pending.clear();
+        let pending = &mut self.pending;
+        match self.compiled.table.decode(stamped, |value| pending.push(value)) {
+            Outcome::Unbound => self.counts.unbound += 1,
+            Outcome::WrongLength(message) => {
+                self.counts.wrong_length += 1;
+                let of = self.compiled.stream_messages.iter();
+                for (stream, _) in self.streams.iter_mut().zip(of).filter(|(_, of)| **of == message) {
+                    stream.wrong_length = true;
+                }
+            }
+            Outcome::Decoded(message) => {
+                if self.accept(message, stamped) {
+                    self.take(stamped.stamp_ns);
+                }
+            }
+        }
+        &self.out[..self.ready]
+    }
+
+    /// Whether a frame is news: stamps, counters, duplicates
+    fn accept(&mut self, message: usize, stamped: &Stamped) -> bool {
+        let stamp_ns = stamped.stamp_ns;
+        self.follow_clock(stamp_ns);
+        let duplicate_ns = self.rhythm.duplicate_ns();
+        let previous = &mut self.previous[message];
+        if previous.stamp_ns.is_some_and(|last| stamp_ns < last) {
+            self.counts.late += 1;
+            return false;
+        }
+        let mut counted = false;
+        let (mut repeated, mut behind) = (false, false);
+        for value in &self.pending {
+            if let Role::Sequence(number) = self.compiled.roles[usize::from(value.slot)] {
+                counted = true;
+                match self.sequences[usize::from(number)].observe(value.raw) {
+                    Step::Repeated => repeated = true,
+                    Step::Behind => behind = true,
+                    Step::First | Step::Next | Step::Gap(_) | Step::Jump => {}
+                }
+            }
+        }
+        if repeated {
+            self.counts.repeated += 1;
+            self.mark_repeated();
+            return false;
+        }
+        if behind {
+            self.counts.late += 1;
+            return false;
+        }
+        let data = stamped.frame.padded();
+        let soon = previous.stamp_ns.is_some_and(|last| stamp_ns - last < duplicate_ns || stamp_ns == last);
+        if !counted && soon && previous.data == *data {
+            self.counts.duplicates += 1;
+            return false;
+        }
+        previous.stamp_ns = Some(stamp_ns);
+        previous.data = *data;
+        true
+    }
+
+    fn mark_repeated(&mut self) {
+        for value in &self.pending {
+            if let Role::Streamed(stream) = self.compiled.roles[usize::from(value.slot)] {
+                self.streams[usize::from(stream)].repeated = true;
+            }
+        }
+    }
+
+    /// After a step of the stamps the rounds begin anew; ages are kept across a step back
+    fn follow_clock(&mut self, stamp_ns: i64) {
+        let step_ns = self.latest_ns.map_or(0, |latest| stamp_ns.saturating_sub(latest));
+        if step_ns.abs() <= STEP_NS {
+            self.latest_ns = Some(self.latest_ns.map_or(stamp_ns, |latest| latest.max(stamp_ns)));
+            return;
+        }
+        if step_ns < 0 {
+            self.counts.steps_back += 1;
+            for held in &mut self.held {
+                held.at_ns = held.at_ns.saturating_add(step_ns);
+                held.stamp_ns = held.stamp_ns.saturating_add(step_ns);
+            }
+        } else {
+            self.counts.steps_forward += 1;
+        }
+        self.latest_ns = Some(stamp_ns);
+        self.rhythm.lose_origin();
+        for previous in &mut self.previous {
+            previous.stamp_ns = None;
+        }
+        for stream in &mut self.streams {
+            stream.forget_stamp();
+        }
+        if self.open {
+            self.open = false;
+            self.counts.discarded_rounds += 1;
+            for stream in &mut self.streams {
+                stream.end_round(self.round);
+            }
+        }
+    }
+
+    /// Puts an accepted frame's values into the round they belong to
+    fn take(&mut self, stamp_ns: i64) {
+        let mut first = None;
+        let mut again = false;
+        for value in &self.pending {
+            if let Role::Streamed(number) = self.compiled.roles[usize::from(value.slot)] {
+                let stream = &mut self.streams[usize::from(number)];
+                stream.hit = true;
+                again |= stream.arrived;
+                first.get_or_insert(usize::from(number));
+            }
+        }
+        let Some(first) = first else {
+            self.commit(stamp_ns);
+            return;
+        };
+        let round = if self.open && !again { self.round } else { self.round + 1 };
+        self.rhythm.observe_interval(&self.streams[first], round, stamp_ns);
+        if !self.open {
+            if self.rhythm.fresh {
+                self.discard |= self.rhythm.realign(&mut self.streams);
+            }
+            let stream = &self.streams[first];
+            if self.round > 0
+                && stream.last_round != Some(self.round)
+                && self.rhythm.is_of_last(stream, stamp_ns)
+            {
+                self.take_after_round(stamp_ns);
+                return;
+            }
+        } else if again || self.rhythm.is_later(&self.streams[first], stamp_ns) {
+            self.close();
+        }
+        if !self.open {
+            self.open = true;
+            self.round += 1;
+            self.last_stamp_ns = stamp_ns;
+            self.rhythm.open(&self.streams[first], stamp_ns);
+        }
+        for stream in self.streams.iter_mut().filter(|stream| stream.hit) {
+            stream.hit = false;
+            stream.arrived = true;
+            stream.arrive(self.round, stamp_ns);
+            self.rhythm.join(stream, stamp_ns);
+        }
+        self.last_stamp_ns = self.last_stamp_ns.max(stamp_ns);
+        self.commit(stamp_ns);
+        if self.every_due_arrived() {
+            self.close();
+        }
+    }
+
+    /// A frame whose round has ended: its values are held as of that round
+    fn take_after_round(&mut self, stamp_ns: i64) {
+        self.counts.after_round += 1;
+        self.commit(stamp_ns);
+        for number in 0..self.streams.len() {
+            let stream = &mut self.streams[number];
+            if std::mem::take(&mut stream.hit) {
+                stream.arrive(self.round, stamp_ns);
+                self.stamp_readings(number, self.last_instant_ns);
+            }
+        }
+    }
+
+    fn commit(&mut self, stamp_ns: i64) {
+        for value in &self.pending {
+            self.held[usize::from(value.slot)] =
+                Held { seen: true, value: value.si, stamp_ns, at_ns: stamp_ns };
+        }
+    }
+
+    fn every_due_arrived(&self) -> bool {
+        let mut any = false;
+        for stream in &self.streams {
+            if stream.arrived {
+                any = true;
+            } else if stream.due(self.round) {
+                return false;
+            }
+        }
+        any
+    }
+}

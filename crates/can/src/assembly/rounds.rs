@@ -1,0 +1,211 @@
+//! When a round ends: which messages are due, and to which cycle of the boards a frame belongs
+
+/// Most rounds between two frames of a message that are still waited for
+const MAX_USUAL: u64 = 16;
+/// After so many missed dues a message is not waited for until it returns
+const MAX_MISSED: u8 = 3;
+
+/// Arrivals of one message (of one multiplexer page of it)
+#[derive(Clone, Debug)]
+pub(super) struct Stream {
+    /// Rounds from one arrival to the next, as the last arrivals have it
+    pub(super) usual: u64,
+    /// Last gaps in rounds, 0 = not yet known
+    gaps: [u8; 4],
+    next_gap: usize,
+    /// Round of the last arrival
+    pub(super) last_round: Option<u64>,
+    missed: u8,
+    awaited: bool,
+    pub(super) arrived: bool,
+    pub(super) repeated: bool,
+    pub(super) wrong_length: bool,
+    /// Whether the frame at hand belongs to it
+    pub(super) hit: bool,
+    stamp_ns: Option<i64>,
+    /// Usual stamp minus its round's origin
+    phase_ns: Option<i64>,
+}
+
+impl Stream {
+    pub(super) fn new() -> Self {
+        Self {
+            usual: 1,
+            gaps: [0; 4],
+            next_gap: 0,
+            last_round: None,
+            missed: 0,
+            awaited: true,
+            arrived: false,
+            repeated: false,
+            wrong_length: false,
+            hit: false,
+            stamp_ns: None,
+            phase_ns: None,
+        }
+    }
+
+    /// Whether a round waits for it
+    pub(super) fn due(&self, round: u64) -> bool {
+        self.awaited
+            && self.last_round.is_none_or(|last| round.saturating_sub(last).is_multiple_of(self.usual))
+    }
+
+    /// Whether its last reading is not older than its usual gap
+    pub(super) fn holds(&self, round: u64) -> bool {
+        self.last_round.is_some_and(|last| round.saturating_sub(last) < self.usual)
+    }
+
+    pub(super) fn arrive(&mut self, round: u64, stamp_ns: i64) {
+        if let Some(last) = self.last_round.filter(|&last| last < round) {
+            self.gaps[self.next_gap] = (round - last).min(MAX_USUAL) as u8;
+            self.next_gap = (self.next_gap + 1) % self.gaps.len();
+            self.usual = self.gaps.iter().copied().filter(|&gap| gap > 0).min().unwrap_or(1).into();
+        }
+        self.last_round = Some(round);
+        self.missed = 0;
+        self.awaited = true;
+        self.stamp_ns = Some(stamp_ns);
+    }
+
+    /// Ends a round for it; true if it was waited for in vain
+    pub(super) fn end_round(&mut self, round: u64) -> bool {
+        let missed = !self.arrived && self.due(round);
+        if missed {
+            self.missed = self.missed.saturating_add(1);
+            self.awaited = self.missed < MAX_MISSED;
+        }
+        self.arrived = false;
+        self.repeated = false;
+        self.wrong_length = false;
+        missed
+    }
+
+    pub(super) fn forget_stamp(&mut self) {
+        self.stamp_ns = None;
+    }
+}
+
+/// The boards' cycle as the stamps show it
+///
+/// A frame lost at a cycle's border must not let the next cycle's frame take its place: that would shift a message by one
+/// cycle from then on. So each message's place in the cycle is learned, and a frame is put into the cycle nearest to it.
+/// Where stamps scatter by more than an eighth of the cycle (bursts of a USB adapter) this says nothing.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Rhythm {
+    period_ns: Option<f64>,
+    jitter_ns: f64,
+    /// Start of the round that is open, else of the last one
+    origin_ns: Option<i64>,
+    /// A period became known and the phases were not looked at since
+    pub(super) fresh: bool,
+    first_ns: i64,
+    last_ns: i64,
+    largest_gap_ns: i64,
+    frames: u32,
+}
+
+impl Rhythm {
+    /// Forgets where in the cycle we are, keeps what was learned
+    pub(super) fn lose_origin(&mut self) {
+        self.origin_ns = None;
+    }
+
+    /// A quarter of the period, or 1 ms while it is unknown: identical frames closer than this are duplicates
+    pub(super) fn duplicate_ns(&self) -> i64 {
+        self.period_ns.map_or(1_000_000, |period| (period / 4.0) as i64)
+    }
+
+    fn period_if_steady(&self) -> Option<f64> {
+        self.period_ns.filter(|period| self.jitter_ns < period / 8.0)
+    }
+
+    /// Learns from the time between two arrivals of a message, one round apart
+    pub(super) fn observe_interval(&mut self, stream: &Stream, round: u64, stamp_ns: i64) {
+        let (Some(last_round), Some(last_ns)) = (stream.last_round, stream.stamp_ns) else { return };
+        let interval = (stamp_ns - last_ns) as f64;
+        if round != last_round + 1 || interval <= 0.0 {
+            return;
+        }
+        match &mut self.period_ns {
+            Some(period) => *period += (interval.clamp(*period / 2.0, *period * 2.0) - *period) / 16.0,
+            None => {
+                self.period_ns = Some(interval);
+                self.fresh = true;
+            }
+        }
+    }
+
+    /// Time from where the frame was expected in the current (last) round, and half a period; `None`: cannot tell
+    fn offset(&self, stream: &Stream, stamp_ns: i64) -> Option<(f64, f64)> {
+        let period = self.period_if_steady()?;
+        Some(((stamp_ns - stream.phase_ns? - self.origin_ns?) as f64, period / 2.0))
+    }
+
+    /// Whether a frame belongs to a later cycle than the round that is open
+    pub(super) fn is_later(&self, stream: &Stream, stamp_ns: i64) -> bool {
+        self.offset(stream, stamp_ns).is_some_and(|(offset, half)| offset > half)
+    }
+
+    /// Whether a frame belongs to the round that was closed last
+    pub(super) fn is_of_last(&self, stream: &Stream, stamp_ns: i64) -> bool {
+        self.offset(stream, stamp_ns).is_some_and(|(offset, half)| offset < half)
+    }
+
+    /// A round begins with this frame
+    pub(super) fn open(&mut self, stream: &Stream, stamp_ns: i64) {
+        self.origin_ns = Some(stamp_ns - stream.phase_ns.unwrap_or(0));
+        self.first_ns = stamp_ns;
+        self.last_ns = stamp_ns;
+        self.largest_gap_ns = 0;
+        self.frames = 0;
+    }
+
+    /// A frame takes its place in the open round
+    pub(super) fn join(&mut self, stream: &mut Stream, stamp_ns: i64) {
+        self.frames += 1;
+        self.largest_gap_ns = self.largest_gap_ns.max(stamp_ns - self.last_ns);
+        self.last_ns = self.last_ns.max(stamp_ns);
+        let Some(origin) = self.origin_ns else { return };
+        let place = stamp_ns - origin;
+        match &mut stream.phase_ns {
+            None => stream.phase_ns = Some(place),
+            Some(phase) if self.frames > 1 => {
+                let error = (place - *phase) as f64;
+                *phase += (error / 16.0) as i64;
+                let bound = self.period_ns.unwrap_or(f64::MAX);
+                self.jitter_ns += (error.abs().min(bound) - self.jitter_ns) / 16.0;
+            }
+            Some(_) => {}
+        }
+    }
+
+    /// Whether the round that ends looks like the end of one cycle and the beginning of the next (no period known yet)
+    pub(super) fn looks_cut(&self) -> bool {
+        let span = self.last_ns - self.first_ns;
+        self.period_ns.is_none() && self.frames >= 3 && 5 * self.largest_gap_ns > 3 * span
+    }
+
+    /// Lets rounds begin after the longest pause of the cycle; true if they did not before
+    pub(super) fn realign(&mut self, streams: &mut [Stream]) -> bool {
+        self.fresh = false;
+        let Some(period) = self.period_if_steady() else { return false };
+        let period = (period as i64).max(1);
+        let pause_after = |phase: i64| {
+            let others = streams.iter().filter_map(|s| s.phase_ns).filter(|&other| other != phase);
+            others.map(|other| (other - phase).rem_euclid(period)).min().unwrap_or(period)
+        };
+        let phases = || streams.iter().filter_map(|s| s.phase_ns);
+        let Some(last) = phases().max() else { return false };
+        let Some(before) = phases().max_by_key(|&phase| pause_after(phase)) else { return false };
+        if 2 * pause_after(before) <= 3 * pause_after(last) {
+            return false;
+        }
+        let start = before + pause_after(before);
+        for phase in streams.iter_mut().filter_map(|s| s.phase_ns.as_mut()) {
+            *phase = (*phase - start).rem_euclid(period);
+        }
+        self.origin_ns = self.origin_ns.map(|origin| origin + start);
+        true
+    }
+}
