@@ -1,0 +1,158 @@
+//! What a scenario works with inside the machine: its directory, the links, captures of them.
+
+use crate::candump::Line;
+use crate::process::{self, Program};
+use crate::{Check, Failure, IoContext, ensure};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+const STEP_LIMIT: Duration = Duration::from_secs(20);
+const LISTEN_LIMIT: Duration = Duration::from_secs(20);
+/// Room for some 20 000 classical frames while the capturing program waits for the processor.
+const CAPTURE_BUFFER: &str = "8388608";
+/// The kernel's lists of who receives what.
+const RECEIVER_LISTS: [&str; 6] =
+    ["rcvlist_all", "rcvlist_eff", "rcvlist_err", "rcvlist_fil", "rcvlist_inv", "rcvlist_sff"];
+
+/// A scenario's surroundings.
+pub struct Guest {
+    dir: PathBuf,
+}
+
+impl Guest {
+    pub(crate) fn new(dir: PathBuf) -> Self {
+        Self { dir }
+    }
+
+    /// A directory of this scenario's own, empty at its start, kept when it fails.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// Runs `ip` with these arguments.
+    pub fn ip(&self, arguments: &[&str]) -> Check {
+        process::run(Command::new("ip").args(arguments), STEP_LIMIT).map(drop)
+    }
+
+    /// Takes a link down or up.
+    pub fn set_link(&self, name: &str, up: bool) -> Check {
+        self.ip(&["link", "set", name, if up { "up" } else { "down" }])
+    }
+
+    /// Deletes a link.
+    pub fn delete_link(&self, name: &str) -> Check {
+        self.ip(&["link", "delete", name])
+    }
+
+    /// Adds a vcan link, wide enough for CAN FD, and takes it up.
+    pub fn add_link(&self, name: &str) -> Check {
+        self.ip(&["link", "add", name, "mtu", "72", "type", "vcan"])?;
+        self.set_link(name, true)
+    }
+
+    /// How many receivers the kernel has on a link.
+    pub fn receivers(&self, interface: &str) -> Check<usize> {
+        let mut count = 0;
+        for list in RECEIVER_LISTS {
+            let path = Path::new("/proc/net/can").join(list);
+            let text = fs::read_to_string(&path).at("read", &path)?;
+            count +=
+                text.lines().filter(|line| line.split_ascii_whitespace().next() == Some(interface)).count();
+        }
+        Ok(count)
+    }
+
+    /// Starts a command and returns once it listens on the link.
+    pub fn start_listening(&self, command: &mut Command, interface: &str) -> Check<Program> {
+        self.listening(interface, || Program::start(command))
+    }
+
+    fn listening(&self, interface: &str, start: impl FnOnce() -> Check<Program>) -> Check<Program> {
+        let before = self.receivers(interface)?;
+        let mut program = start()?;
+        let deadline = Instant::now() + LISTEN_LIMIT;
+        while self.receivers(interface)? <= before {
+            ensure!(
+                program.is_running()? && Instant::now() < deadline,
+                "a program that should listen on {interface} does not; it said:\n{}",
+                program.text()
+            );
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Ok(program)
+    }
+
+    /// Starts to capture a link into a file of the scenario's directory, with `candump -L`.
+    pub fn capture(&self, interface: &str) -> Check<Capture> {
+        let number = fs::read_dir(&self.dir).at("read", &self.dir)?.count();
+        let path = self.dir.join(format!("captured-{interface}-{number}.log"));
+        let mut command = Command::new("candump");
+        command.args(["-L", "-d", "-r", CAPTURE_BUFFER, interface]);
+        let program = self.listening(interface, || Program::start_into(&mut command, &path))?;
+        Ok(Capture { program, path })
+    }
+}
+
+/// A capture that runs.
+pub struct Capture {
+    program: Program,
+    path: PathBuf,
+}
+
+/// A capture that has ended.
+pub struct Captured {
+    /// Every frame, in order.
+    pub lines: Vec<Line>,
+    /// The file, a recording as `candump -L` wrote it.
+    pub path: PathBuf,
+}
+
+impl Capture {
+    /// Ends the capture once the link has been silent for a while. A frame that the kernel dropped is a failure.
+    pub fn stop(self) -> Check<Captured> {
+        // What has been sent has been queued; the capturing program still needs the processor to take it.
+        let mut size = 0;
+        loop {
+            std::thread::sleep(Duration::from_millis(200));
+            let now = received(&self.path)?;
+            if now == size {
+                break;
+            }
+            size = now;
+        }
+        // candump says what it dropped among the frames, and on signals ends as it ends otherwise.
+        let finished = self.program.stop(STEP_LIMIT)?;
+        ensure!(finished.stderr().is_empty(), "candump said: {}", finished.stderr());
+        let text = fs::read_to_string(&self.path).at("read", &self.path)?;
+        let dropped: Vec<&str> = text.lines().filter(|line| line.contains("DROPCOUNT")).collect();
+        ensure!(dropped.is_empty(), "the capture itself lost frames: {}", dropped.join("; "));
+        let lines = text.lines().map(Line::parse).collect::<Check<Vec<Line>>>()?;
+        Ok(Captured { lines, path: self.path })
+    }
+}
+
+fn received(path: &Path) -> Check<u64> {
+    Ok(fs::metadata(path).at("look at", path)?.len())
+}
+
+/// Starts a command that puts frames onto a link, waits for its end, and fails unless it ends well.
+pub fn send(command: &mut Command, limit: Duration) -> Check {
+    process::run(command, limit).map(drop)
+}
+
+/// Fails unless the frames arrived are the frames sent: all of them, unchanged, in order.
+pub fn ensure_same_frames(sent: &[Line], arrived: &[Line]) -> Check {
+    for (at, (sent, arrived)) in sent.iter().zip(arrived).enumerate() {
+        if sent.frame() != arrived.frame() {
+            return Err(Failure::new(format!(
+                "frame {at}: sent {}, arrived {}",
+                sent.frame(),
+                arrived.frame()
+            )));
+        }
+    }
+    ensure!(sent.len() == arrived.len(), "{} frames sent, {} arrived", sent.len(), arrived.len());
+    Ok(())
+}

@@ -1,0 +1,102 @@
+//! The independent decoder: cantools and python-can in a virtual environment of the tests' own.
+
+use crate::process;
+use crate::scratch::target_dir;
+use crate::{Check, Failure, IoContext, packages};
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+use std::time::Duration;
+
+const INSTALL_LIMIT: Duration = Duration::from_secs(900);
+const DECODE_LIMIT: Duration = Duration::from_secs(300);
+const REQUIREMENTS: &str = include_str!("../python/requirements.txt");
+const PYTHON_VARIABLE: &str = "WRENCHD_TEST_PYTHON";
+
+/// A frame as the independent decoder reads it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Decoded {
+    /// Seconds since the Unix epoch.
+    pub stamp_s: f64,
+    /// The message's name in the DBC.
+    pub message: String,
+    /// Physical values by the signal's name, in the DBC's units.
+    pub signals: BTreeMap<String, f64>,
+}
+
+/// The interpreter of the environment, made once and used again as long as the pinned versions stay the same.
+pub fn interpreter() -> Check<&'static Path> {
+    static INTERPRETER: OnceLock<Check<PathBuf>> = OnceLock::new();
+    let outcome = INTERPRETER
+        .get_or_init(|| std::env::var_os(PYTHON_VARIABLE).map_or_else(make, |path| Ok(path.into())));
+    outcome.as_deref().map_err(|failure| Failure::new(failure.words()))
+}
+
+/// The variable that hands the interpreter to the inside of the machine.
+pub fn environment(interpreter: &Path) -> (&'static str, &Path) {
+    (PYTHON_VARIABLE, interpreter)
+}
+
+/// Decodes a recording. A frame that the DBC does not know is a failure.
+pub fn decode(dbc: &Path, log: &Path) -> Check<Vec<Decoded>> {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("python/decode.py");
+    let finished = process::run(Command::new(interpreter()?).args([&script, dbc, log]), DECODE_LIMIT)?;
+    let bad = |line: &str| Failure::new(format!("the independent decoder wrote {line:?}"));
+    finished.stdout().lines().map(|line| parse(line).ok_or_else(|| bad(line))).collect()
+}
+
+fn parse(line: &str) -> Option<Decoded> {
+    let mut words = line.split(' ');
+    let stamp_s = words.next()?.parse().ok()?;
+    let message = words.next()?.to_owned();
+    let signal = |word: &str| -> Option<(String, f64)> {
+        let (name, value) = word.split_once('=')?;
+        Some((name.to_owned(), value.parse().ok()?))
+    };
+    Some(Decoded { stamp_s, message, signals: words.map(signal).collect::<Option<_>>()? })
+}
+
+fn make() -> Check<PathBuf> {
+    let dir = target_dir()?.join("python");
+    fs::create_dir_all(&dir).at("create", &dir)?;
+    let lock_path = dir.join("lock");
+    let lock = File::create(&lock_path).at("create", &lock_path)?;
+    lock.lock().at("lock", &lock_path)?;
+
+    let environment = dir.join("env");
+    let interpreter = environment.join("bin/python3");
+    // Written last, so that an environment half made is made again.
+    let done = environment.join("requirements.txt");
+    let works = |interpreter: &Path| {
+        process::run(Command::new(interpreter).args(["-c", "import can, cantools"]), Duration::from_secs(60))
+            .is_ok()
+    };
+    if fs::read_to_string(&done).is_ok_and(|text| text == REQUIREMENTS) && works(&interpreter) {
+        return Ok(interpreter);
+    }
+    let [python] = packages::require(&[&packages::PYTHON])?
+        .try_into()
+        .map_err(|_| Failure::new("python3 is required once and found once"))?;
+    let _ = fs::remove_dir_all(&environment);
+    let venv = |python: &Path| {
+        process::run(Command::new(python).args(["-m", "venv"]).arg(&environment), INSTALL_LIMIT)
+    };
+    // Debian splits off what makes environments; only trying tells.
+    venv(&python).or_else(|_| {
+        let _ = fs::remove_dir_all(&environment);
+        packages::install(&["python3-venv"]).and_then(|()| venv(&python))
+    })?;
+    let mut pip = Command::new(&interpreter);
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"]);
+    pip.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("python/requirements.txt"));
+    process::run(&mut pip, INSTALL_LIMIT).map_err(|failure| {
+        Failure::new(format!(
+            "the independent decoder cannot be installed (pip needs a network or a configured index): {}",
+            failure.words()
+        ))
+    })?;
+    fs::write(&done, REQUIREMENTS).at("write", &done)?;
+    Ok(interpreter)
+}

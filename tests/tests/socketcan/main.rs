@@ -1,0 +1,10 @@
+//! On real SocketCAN, in a machine of its own: see `wrenchd_tests::machine`.
+
+mod bus;
+
+use std::process::ExitCode;
+use wrenchd_tests::suite;
+
+fn main() -> ExitCode {
+    suite::main(bus::SCENARIOS)
+}
