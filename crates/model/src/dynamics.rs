@@ -9,6 +9,7 @@
 
 mod derivatives;
 mod flatten;
+mod outboard;
 mod pass;
 mod regressor;
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! From the text of a URDF to the chain of an arm, with one clear error for whatever cannot be used.
 
+mod bodies;
 mod scan;
 mod tree;
 
