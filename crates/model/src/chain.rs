@@ -187,3 +187,74 @@ pub(crate) fn unit(vector: &Vector3<f64>) -> Option<Vector3<f64>> {
     let scaled = vector / largest;
     Some(scaled / scaled.norm())
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+
+    use super::*;
+
+    const ARM_B: &str = include_str!("../tests/data/arm_b.urdf");
+
+    fn arm_b() -> Chain {
+        Chain::from_urdf(ARM_B, "arm_b.urdf", "pedestal", "point", Vector3::new(0.0, 0.0, -9.8)).unwrap()
+    }
+
+    #[test]
+    fn the_smallest_rotation_takes_z_to_the_axis() {
+        let axes = [
+            [0.36, 0.48, 0.8],
+            [0.36, 0.48, -0.8],
+            [1.0, 0.0, 0.0],
+            [0.0, -1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [1e-9, 2e-9, 1.0],
+            [1e-9, -2e-9, -1.0],
+            [1e-3, 1e-4, -1.0],
+        ];
+        for axis in axes.map(|axis| unit(&Vector3::from(axis)).unwrap()) {
+            let turned = rotation_from_z(&axis);
+            assert!((turned * Vector3::z() - axis).amax() < 1e-15, "{axis}");
+            assert!((turned * turned.transpose() - Matrix3::identity()).amax() < 1e-14, "{axis}");
+            assert!((turned.determinant() - 1.0).abs() < 1e-14, "{axis}");
+            let library = Rotation3::rotation_between(&Vector3::z(), &axis).unwrap();
+            assert!((turned - library.into_inner()).amax() < 1e-6, "{axis}");
+        }
+        let half_turn = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
+        assert_eq!(rotation_from_z(&-Vector3::z()), half_turn);
+    }
+
+    #[test]
+    fn sections_sense_about_their_joint_s_axis_unless_told() {
+        let chain = arm_b();
+        let sensing = |name: &str, axis| Section::new(&chain, name, axis).unwrap().r_cs * Vector3::z();
+        assert!((sensing("a2", None) - Vector3::new(0.36, 0.48, 0.8)).amax() < 1e-15);
+        assert_eq!(sensing("a1", None), -Vector3::z());
+        assert_eq!(sensing("cut_1", None), Vector3::z());
+        assert!((sensing("cut_1", Some([0.0, 3.0, 4.0])) - Vector3::new(0.0, 0.6, 0.8)).amax() < 1e-15);
+    }
+
+    #[test]
+    fn sections_that_cannot_be_are_refused() {
+        let chain = arm_b();
+        let words = |name: &str, axis| Section::new(&chain, name, axis).unwrap_err().to_string();
+        assert!(
+            words("cut_3", None).contains("no joint of the URDF (nearest: \"cut_"),
+            "{}",
+            words("cut_3", None)
+        );
+        assert!(words("grip", None).contains("not between base \"pedestal\" and tip \"point\""));
+        assert!(words("a1", Some([0.0; 3])).contains("no direction"));
+        assert!(words("a1", Some([0.0, f64::NAN, 1.0])).contains("no direction"));
+    }
+
+    #[test]
+    fn a_tool_belongs_to_the_last_body() {
+        let (bare, com) = (arm_b(), Vector3::new(0.1, 0.0, 0.05));
+        let tooled = bare.clone().with_tool(2.0, com, Matrix3::identity() * 0.01);
+        let before = bare.joints.last().unwrap().body;
+        let after = tooled.joints.last().unwrap().body;
+        assert_eq!(after, before + RigidBody::from_com(2.0, com, Matrix3::identity() * 0.01));
+        assert_eq!(bare.joints[..bare.joints.len() - 1], tooled.joints[..bare.joints.len() - 1]);
+    }
+}

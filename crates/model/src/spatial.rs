@@ -270,3 +270,63 @@ impl AddAssign for RigidBody {
 fn point_inertia(at_m: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() * at_m.norm_squared() - at_m * at_m.transpose()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pose() -> Pose {
+        Pose::from_xyz_rpy([0.3, -0.2, 0.5], [0.4, -1.1, 2.0])
+    }
+
+    #[test]
+    fn roll_pitch_yaw_turn_about_fixed_axes_in_this_order() {
+        let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
+        let expected = rotation_about(&z, 2.0) * rotation_about(&y, -1.1) * rotation_about(&x, 0.4);
+        assert!((pose().rotation - expected).amax() < 1e-15);
+        assert!(
+            (rotation_about(&z, 0.5) * x - Vector3::new(0.5_f64.cos(), 0.5_f64.sin(), 0.0)).amax() < 1e-15
+        );
+    }
+
+    #[test]
+    fn a_pose_and_its_inverse_cancel() {
+        let both = pose().compose(&pose().inverse());
+        assert!((both.rotation - Matrix3::identity()).amax() < 1e-15 && both.translation_m.amax() < 1e-15);
+        let (inner, point) =
+            (Pose::from_xyz_rpy([1.0, 2.0, 3.0], [0.1, 0.2, 0.3]), Vector3::new(0.7, 0.1, -0.4));
+        let apart = pose().compose(&inner).point(&point) - pose().point(&inner.point(&point));
+        assert!(apart.amax() < 1e-15);
+    }
+
+    #[test]
+    fn bodies_are_sums_of_points_in_any_frame() {
+        let points = [(0.5, [0.1, 0.2, 0.3]), (1.5, [-0.4, 0.0, 0.2]), (0.7, [0.3, -0.5, 0.1])];
+        let points = points.map(|(mass, at)| (mass, Vector3::from(at)));
+        let sum = |place: &dyn Fn(&Vector3<f64>) -> Vector3<f64>| {
+            points.iter().fold(RigidBody::zero(), |sum, (mass, at)| {
+                sum + RigidBody::from_com(*mass, place(at), Matrix3::zeros())
+            })
+        };
+        let (here, there) = (sum(&|at| *at), sum(&|at| pose().point(at)));
+        let moved = here.transformed(&pose());
+        assert!((moved.inertia_kgm2 - there.inertia_kgm2).amax() < 1e-14);
+        assert!((moved.first_moment_kgm - there.first_moment_kgm).amax() < 1e-14);
+        assert_eq!(RigidBody::from_parameters(&here.parameters()), here);
+        assert!(RigidBody::zero().com_m().is_none());
+        // Two kilograms 3 m from the x axis.
+        let one = RigidBody::from_com(2.0, Vector3::new(7.0, 3.0, 0.0), Matrix3::zeros());
+        assert_eq!(one.inertia_kgm2[(0, 0)], 18.0);
+        assert_eq!(one.inertia_kgm2[(0, 1)], -42.0);
+    }
+
+    #[test]
+    fn wrenches_are_force_first() {
+        let vector = Vector6::new(1.0, 2.0, 3.0, 4.0, 5.0, 6.0);
+        let wrench = Wrench::<Tip>::from(vector);
+        assert_eq!((wrench.force_n.y, wrench.moment_nm.x), (2.0, 4.0));
+        assert_eq!(Vector6::from(wrench * 2.0 - wrench), vector);
+        assert_eq!((wrench + -wrench), Wrench::zero());
+        assert_eq!(skew(&wrench.force_n) * wrench.moment_nm, wrench.force_n.cross(&wrench.moment_nm));
+    }
+}
