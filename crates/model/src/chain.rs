@@ -189,6 +189,7 @@ pub(crate) fn unit(vector: &Vector3<f64>) -> Option<Vector3<f64>> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use nalgebra::Rotation3;
 

@@ -13,6 +13,7 @@ mod outboard;
 mod pass;
 mod regressor;
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests;
 
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};

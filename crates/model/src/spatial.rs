@@ -272,6 +272,7 @@ fn point_inertia(at_m: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -202,4 +202,5 @@ pub(crate) fn suggestion<'a>(name: &str, known: impl Iterator<Item = &'a str>) -
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests;

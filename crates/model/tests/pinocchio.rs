@@ -1,5 +1,7 @@
 //! Kinematics, loads and their derivatives against Pinocchio's (`data/make_pinocchio_table.py`).
 
+#![allow(clippy::unwrap_used)]
+
 use nalgebra::{Matrix3, Vector3, Vector6};
 use serde_json::Value;
 use wrenchd_model::chain::{Chain, Section};

@@ -53,7 +53,7 @@ impl Derivatives {
 impl Dynamics {
     /// Computes the loads' derivatives at the state of the last update, whichever it was.
     ///
-    /// Exact; does not allocate; about `sections * coordinates` times 100 ns.
+    /// Exact; does not allocate; some 15 times as long as the update itself on the reference arm with eight sections.
     pub fn differentiate(&mut self) {
         self.collect();
         for section in 0..self.sections.len() {
