@@ -1,0 +1,46 @@
+//! Joint velocity and acceleration from measured positions, with their covariance.
+//!
+//! The gauges feel inertia, so the wrench needs accelerations, and an encoder differentiated twice is mostly noise. Each
+//! joint's motion is a chain of integrators driven by white snap (the fourth derivative of position). How strong
+//! that snap is differs by many decades between a held pose and a fast move, so a small bank of Kalman filters
+//! runs side by side, one for each strength, mixed as an interacting multiple model (Blom and
+//! Bar-Shalom, IEEE Trans. Automatic Control 33(8), 1988). The mixture's covariance holds the doubt about which applies.
+//!
+//! [`MotionFilter`] is causal and runs in the cycle; [`smooth`] uses the whole recording and is for offline work.
+
+mod filter;
+mod kalman;
+mod smoother;
+
+pub use filter::MotionFilter;
+pub use smoother::smooth;
+
+use nalgebra::Matrix3;
+
+/// Position, velocity and acceleration of one joint at one instant, with their covariance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointMotion {
+    /// Joint position, rad.
+    pub position_rad: f64,
+    /// Joint velocity, rad/s.
+    pub velocity_rad_s: f64,
+    /// Joint acceleration, rad/s^2.
+    pub acceleration_rad_s2: f64,
+    /// Covariance of position, velocity and acceleration in that order; rad, rad/s, rad/s^2.
+    pub covariance: Matrix3<f64>,
+}
+
+impl JointMotion {
+    /// A joint known to rest exactly at a position, rad.
+    pub fn at_rest(position_rad: f64) -> Self {
+        Self { position_rad, velocity_rad_s: 0.0, acceleration_rad_s2: 0.0, covariance: Matrix3::zeros() }
+    }
+}
+
+/// Spectral densities of the driving snap, rad^2/s^7: from a held pose to a violent move. The
+/// lowest leaves an acceleration uncertainty of some 0.02 rad/s^2 with a 20 urad encoder at 125 Hz, the
+/// highest follows a 20 rad/s^2 reversal within a few samples.
+const SNAP_DENSITIES: [f64; 6] = [1.0, 3e1, 1e3, 3e4, 1e6, 1e8];
+
+/// Mean time that a joint stays with one strength of snap, s.
+const DWELL_S: f64 = 0.25;

@@ -1,0 +1,157 @@
+//! Motion from the whole recording: Rauch-Tung-Striebel smoothing, blended over strengths of snap.
+
+use super::kalman::{State, UNIT_S, inner_density, transition, unit_process};
+use super::{JointMotion, SNAP_DENSITIES};
+use nalgebra::{Cholesky, Matrix4};
+
+/// Gaps longer than this cut the recording into pieces smoothed on their own, ns.
+const CUT_NS: i64 = 500_000_000;
+
+/// Likelihood is weighed over this time to each side when choosing the strength of snap, s.
+const WEIGHING_S: f64 = 0.15;
+
+/// Motion of one joint at every reading, without lag.
+///
+/// `at_ns` (strictly rising) and `positions_rad` are its readings; `encoder_sigma_rad` the standard deviation of one.
+/// Each strength of snap of the bank is smoothed by Rauch-Tung-Striebel; at every instant they are blended by
+/// their predictive likelihood nearby. Offline: allocates, time linear in the number of readings.
+pub fn smooth(at_ns: &[i64], positions_rad: &[f64], encoder_sigma_rad: f64) -> Vec<JointMotion> {
+    assert_eq!(at_ns.len(), positions_rad.len(), "one position an instant");
+    let mut out = Vec::with_capacity(at_ns.len());
+    let mut start = 0;
+    for end in 1..=at_ns.len() {
+        if end == at_ns.len() || at_ns[end] - at_ns[end - 1] > CUT_NS {
+            smooth_piece(&at_ns[start..end], &positions_rad[start..end], encoder_sigma_rad, &mut out);
+            start = end;
+        }
+    }
+    out
+}
+
+fn smooth_piece(at_ns: &[i64], positions_rad: &[f64], sigma_rad: f64, out: &mut Vec<JointMotion>) {
+    let variance = sigma_rad * sigma_rad;
+    let passes: Vec<Pass> =
+        SNAP_DENSITIES.iter().map(|s| Pass::run(at_ns, positions_rad, variance, inner_density(*s))).collect();
+    let scores: Vec<Vec<f64>> = passes.iter().map(|p| local_mean(at_ns, &p.fit)).collect();
+    for k in 0..at_ns.len() {
+        let best = scores.iter().map(|s| s[k]).fold(f64::NEG_INFINITY, f64::max);
+        let weights: Vec<f64> = scores.iter().map(|s| (s[k] - best).exp()).collect();
+        let total: f64 = weights.iter().sum();
+        let states = passes.iter().map(|p| &p.states[k]);
+        out.push(blend(states.zip(weights.iter().map(|w| w / total))).motion());
+    }
+}
+
+/// Forward filter and backward smoother for one strength of snap.
+struct Pass {
+    states: Vec<State>,
+    /// Log-likelihood of each reading given those before it.
+    fit: Vec<f64>,
+}
+
+impl Pass {
+    fn run(at_ns: &[i64], positions_rad: &[f64], variance: f64, density: f64) -> Self {
+        let n = at_ns.len();
+        let mut states = Vec::with_capacity(n);
+        let mut fit = Vec::with_capacity(n);
+        let mut state = State::from_position(positions_rad[0], variance);
+        for k in 0..n {
+            if k > 0 {
+                state = forward(&state, at_ns[k] - at_ns[k - 1], density);
+            }
+            fit.push(state.measure(0, positions_rad[k], variance));
+            states.push(state);
+        }
+        for k in (0..n - 1).rev() {
+            states[k] = backward(&states[k], &states[k + 1], at_ns[k + 1] - at_ns[k], density);
+        }
+        Self { states, fit }
+    }
+}
+
+fn forward(state: &State, step_ns: i64, density: f64) -> State {
+    let step = step_ns as f64 * 1e-9 / UNIT_S;
+    state.predicted(&transition(step), &(unit_process(step) * density))
+}
+
+/// Rauch, Tung, Striebel: the filtered state corrected by what came after.
+fn backward(filtered: &State, next: &State, step_ns: i64, density: f64) -> State {
+    let step = step_ns as f64 * 1e-9 / UNIT_S;
+    let f = transition(step);
+    let predicted = filtered.predicted(&f, &(unit_process(step) * density));
+    let Some(inverse) = Cholesky::new(predicted.covariance).map(|c| c.inverse()) else {
+        return *filtered;
+    };
+    let gain: Matrix4<f64> = filtered.covariance * f.transpose() * inverse;
+    let covariance =
+        filtered.covariance + gain * (next.covariance - predicted.covariance) * gain.transpose();
+    State {
+        mean: filtered.mean + gain * (next.mean - predicted.mean),
+        covariance: (covariance + covariance.transpose()) * 0.5,
+    }
+}
+
+fn blend<'a>(parts: impl Iterator<Item = (&'a State, f64)> + Clone) -> State {
+    let mut mean = nalgebra::Vector4::zeros();
+    for (state, w) in parts.clone() {
+        mean += state.mean * w;
+    }
+    let mut covariance = Matrix4::zeros();
+    for (state, w) in parts {
+        let apart = state.mean - mean;
+        covariance += (state.covariance + apart * apart.transpose()) * w;
+    }
+    State { mean, covariance }
+}
+
+/// Sum of the values within [`WEIGHING_S`] to each side.
+fn local_mean(at_ns: &[i64], values: &[f64]) -> Vec<f64> {
+    let mut cumulated = Vec::with_capacity(values.len() + 1);
+    cumulated.push(0.0);
+    for v in values {
+        cumulated.push(cumulated[cumulated.len() - 1] + v);
+    }
+    let reach = (WEIGHING_S * 1e9) as i64;
+    let (mut from, mut to) = (0, 0);
+    at_ns
+        .iter()
+        .map(|t| {
+            while at_ns[from] < t - reach {
+                from += 1;
+            }
+            while to < at_ns.len() && at_ns[to] <= t + reach {
+                to += 1;
+            }
+            cumulated[to] - cumulated[from]
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recovers_the_acceleration_of_a_swing_without_lag() {
+        let (w, dt) = (10.0f64, 0.008);
+        let at: Vec<i64> = (0..2000).map(|k| k * 8_000_000).collect();
+        let truth = |k: usize| 0.2 * (w * k as f64 * dt).sin();
+        // Rounding to 20 urad stands for the encoder's noise.
+        let q: Vec<f64> = (0..2000).map(|k| (truth(k) / 2e-5).round() * 2e-5).collect();
+        let motion = smooth(&at, &q, 2e-5 / 12f64.sqrt());
+        for k in 100..1900 {
+            let error = motion[k].acceleration_rad_s2 + w * w * truth(k);
+            assert!(error.abs() < 0.25, "{k}: {error}");
+        }
+    }
+
+    #[test]
+    fn pieces_on_both_sides_of_a_gap_do_not_touch() {
+        let at = [0, 8_000_000, 16_000_000, 5_000_000_000, 5_008_000_000];
+        let q = [1.0, 1.0, 1.0, -2.0, -2.0];
+        let motion = smooth(&at, &q, 1e-5);
+        assert_eq!(motion.len(), 5);
+        assert!((motion[2].position_rad - 1.0).abs() < 1e-4 && (motion[3].position_rad + 2.0).abs() < 1e-4);
+        assert!(smooth(&[], &[], 1e-5).is_empty());
+    }
+}

@@ -1,0 +1,223 @@
+//! The cycle: CAN frames in, the environment's wrench out. Daemon, demo and offline commands all run this.
+//!
+//! ```text
+//! frame + stamp -> Assembler -> snapshot -> MotionFilter per joint -> WrenchEstimator -> Estimate
+//! ```
+//!
+//! A function of the frames, their stamps and the model alone: no clock, so live and offline agree. Allocates at
+//! construction only.
+
+use can::assembly::{Absence, Assembler, Snapshot};
+use can::frame::Stamped;
+use model::estimator::{GaugeModel, NoWrench, Solution, WrenchEstimator};
+use model::motion::{JointMotion, MotionFilter};
+
+use crate::model_file::ModelFile;
+use crate::status::Status;
+use crate::{Rig, RigError};
+
+/// A wrench whose worst direction is less certain than this is flagged, N (moments over 0.1 m).
+pub const UNCERTAIN_ABOVE_N: f64 = 1.0;
+
+/// Parity beyond this many standard deviations of a good arm's is flagged.
+pub const PARITY_LIMIT_SIGMA: f64 = 8.0;
+
+/// Wrench at one instant, or why there is none.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimate {
+    /// The instant it refers to, ns since the Unix epoch.
+    pub instant_ns: i64,
+    /// Stamp of the last frame that went into it, ns since the Unix epoch.
+    pub last_stamp_ns: i64,
+    /// Number of its round since the start.
+    pub round: u64,
+    /// The environment's wrench about E's origin, in E, with its covariance; or why not.
+    pub outcome: Result<Solution, Refusal>,
+    /// What to know before using it.
+    pub status: Status,
+}
+
+/// Why an instant has no wrench.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// No snapshot yet.
+    NothingYet,
+    /// This coordinate's position is not known.
+    JointUnknown(usize),
+    /// The estimator has no answer.
+    Estimator(NoWrench),
+}
+
+impl std::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NothingYet => f.write_str("no complete snapshot yet"),
+            Self::JointUnknown(k) => write!(f, "the position of coordinate {} is not known", k + 1),
+            Self::Estimator(NoWrench::TooFewGauges) => f.write_str("fewer than six usable gauges"),
+            Self::Estimator(NoWrench::Singular) => {
+                f.write_str("the gauges do not see all six directions in this pose")
+            }
+            Self::Estimator(NoWrench::NotFinite) => f.write_str("a reading is not a finite number"),
+        }
+    }
+}
+
+/// Snapshot and joint motion to a wrench: the last part of the cycle, also used with a motion known from elsewhere.
+#[derive(Clone, Debug)]
+pub struct Stage {
+    estimator: WrenchEstimator,
+    counts: Vec<Option<f64>>,
+}
+
+impl Stage {
+    /// For a robot and its gauges.
+    pub fn new(rig: &Rig, gauges: Vec<GaugeModel>) -> Self {
+        let n = gauges.len();
+        Self {
+            estimator: WrenchEstimator::new(&rig.chain, &rig.sections, gauges),
+            counts: Vec::with_capacity(n),
+        }
+    }
+
+    /// The wrench of a snapshot, given every coordinate's motion at its instant.
+    pub fn estimate(&mut self, snapshot: &Snapshot, motion: &[JointMotion], status: Status) -> Estimate {
+        let mut status = status;
+        self.counts.clear();
+        for gauge in &snapshot.gauges {
+            status = status.with(gauge.map_or_else(left_out, |_| Status::GOOD));
+            self.counts.push(gauge.ok().map(|reading| reading.value));
+        }
+        let outcome = self.estimator.estimate(motion, &self.counts).map_err(Refusal::Estimator);
+        status = status.with(match &outcome {
+            Ok(solution) => judge(solution),
+            Err(_) => Status::INVALID,
+        });
+        Estimate {
+            instant_ns: snapshot.instant_ns,
+            last_stamp_ns: snapshot.last_stamp_ns,
+            round: snapshot.round,
+            outcome,
+            status,
+        }
+    }
+
+    /// The estimator with the state of the last estimate.
+    pub fn estimator(&self) -> &WrenchEstimator {
+        &self.estimator
+    }
+}
+
+/// The whole way from frames to wrenches.
+#[derive(Debug)]
+pub struct Cycle {
+    assembler: Assembler,
+    tracker: MotionTracker,
+    stage: Stage,
+}
+
+impl Cycle {
+    /// For a robot with its stored model.
+    pub fn new(rig: &Rig, model: &ModelFile) -> Result<Self, RigError> {
+        Ok(Self {
+            assembler: Assembler::new(&rig.layout)?,
+            tracker: MotionTracker::new(rig, model),
+            stage: Stage::new(rig, model.gauges()),
+        })
+    }
+
+    /// Takes the next frame and hands each wrench that it completes to `out`, oldest first (mostly none or one).
+    pub fn push(&mut self, frame: &Stamped, mut out: impl FnMut(&Estimate)) {
+        for snapshot in self.assembler.push(frame) {
+            out(&self.tracker.advance(snapshot, &mut self.stage));
+        }
+    }
+
+    /// What the assembler met so far.
+    pub fn assembler(&self) -> &Assembler {
+        &self.assembler
+    }
+}
+
+/// Motion of all coordinates from the joints of successive snapshots.
+#[derive(Clone, Debug)]
+pub struct MotionTracker {
+    filters: Vec<MotionFilter>,
+    velocity_sigmas: Vec<f64>,
+    /// Which joint of a snapshot belongs to each coordinate.
+    entries: Vec<usize>,
+    motion: Vec<JointMotion>,
+}
+
+impl MotionTracker {
+    /// For the coordinates of a robot with the encoders of its model.
+    pub fn new(rig: &Rig, model: &ModelFile) -> Self {
+        let encoders: Vec<_> = (0..rig.chain.coordinates()).map(|k| model.encoder(k)).collect();
+        Self {
+            filters: encoders.iter().map(|e| MotionFilter::new(e.position_sigma_rad)).collect(),
+            velocity_sigmas: encoders.iter().map(|e| e.velocity_sigma_rad_s.unwrap_or(f64::NAN)).collect(),
+            entries: rig.joint_entries.clone(),
+            motion: vec![JointMotion::at_rest(0.0); encoders.len()],
+        }
+    }
+
+    /// Takes in a snapshot's joints; every coordinate's motion at its instant, with what to flag, or the first coordinate
+    /// that is not known.
+    pub fn track(&mut self, snapshot: &Snapshot) -> Result<(&[JointMotion], Status), usize> {
+        let mut status = Status::GOOD;
+        for (k, filter) in self.filters.iter_mut().enumerate() {
+            let joint = &snapshot.joints[self.entries[k]];
+            match joint.position {
+                Ok(position) => {
+                    filter.measure(position.at_ns, position.value);
+                    if let Ok(velocity) = joint.velocity
+                        && velocity.at_ns == position.at_ns
+                        && self.velocity_sigmas[k].is_finite()
+                    {
+                        filter.measure_velocity(velocity.value, self.velocity_sigmas[k]);
+                    }
+                }
+                // One lost frame: carried on from those before, with the uncertainty that brings.
+                Err(Absence::Missed | Absence::Repeated | Absence::WrongLength) => {
+                    status = status.with(Status::STALE);
+                }
+                Err(_) => return Err(k),
+            }
+            match filter.motion(snapshot.instant_ns) {
+                Some(motion) => self.motion[k] = motion,
+                None => return Err(k),
+            }
+        }
+        Ok((&self.motion, status))
+    }
+
+    fn advance(&mut self, snapshot: &Snapshot, stage: &mut Stage) -> Estimate {
+        match self.track(snapshot) {
+            Ok((motion, status)) => stage.estimate(snapshot, motion, status),
+            Err(coordinate) => Estimate {
+                instant_ns: snapshot.instant_ns,
+                last_stamp_ns: snapshot.last_stamp_ns,
+                round: snapshot.round,
+                outcome: Err(Refusal::JointUnknown(coordinate)),
+                status: Status::INVALID.with(Status::STALE),
+            },
+        }
+    }
+}
+
+/// What a gauge's absence means for the wrench.
+fn left_out(absence: Absence) -> Status {
+    Status::DEGRADED.with(match absence {
+        Absence::Saturated => Status::SATURATED,
+        Absence::Stale | Absence::NeverSeen => Status::STALE,
+        _ => Status::GOOD,
+    })
+}
+
+/// What a solution says about itself.
+fn judge(solution: &Solution) -> Status {
+    let uncertain = 1.0 > UNCERTAIN_ABOVE_N * solution.singular_values_per_n[5];
+    let limit = PARITY_LIMIT_SIGMA.powi(2) + solution.parity_dof as f64;
+    let parity = solution.parity_dof > 0 && solution.parity_chi2 > limit;
+    let flag = |raised: bool, status| if raised { status } else { Status::GOOD };
+    flag(uncertain, Status::UNCERTAIN).with(flag(parity, Status::PARITY))
+}

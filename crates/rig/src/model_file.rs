@@ -1,0 +1,354 @@
+//! MODEL: what a calibration found, as a text file that people read and the daemon applies.
+//!
+//! The stored truth is each gauge's compliance vector, bias and their covariance; the actual sensing frame, the crosstalk
+//! and all else are derived from it and stand there for the reader. A quantity that the data did not determine is absent.
+
+use std::path::Path;
+
+use model::estimator::{GaugeCovariance, GaugeModel};
+use nalgebra::{Matrix6, Vector6};
+use serde::{Deserialize, Serialize};
+
+use crate::binding::Fingerprint;
+use crate::document;
+use crate::error::{RigError, read_text};
+use crate::Rig;
+
+/// A calibrated arm.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelFile {
+    /// Version of this format: 1.
+    pub format: u32,
+    /// Where it comes from.
+    pub provenance: Provenance,
+    /// Encoders, one a coordinate from base to tip.
+    #[serde(rename = "joint")]
+    pub joints: Vec<Encoder>,
+    /// Gauges in the configuration's order.
+    #[serde(rename = "sensor")]
+    pub sensors: Vec<Sensor>,
+    /// What the arm looked like, so that the model of another arm is refused.
+    pub fingerprint: Fingerprint,
+}
+
+/// How a model came about.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// Program and version.
+    pub tool: String,
+    /// Date of the calibration, UTC, as YYYY-MM-DD.
+    pub date: String,
+    /// Which axes were calibrated: "full", or one of the baselines "five" and "nominal".
+    pub axes: String,
+    /// Still instants used.
+    pub samples: u64,
+    /// The files it was made from.
+    pub inputs: Vec<Input>,
+}
+
+/// One input of a calibration.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Input {
+    /// The file as it was given.
+    pub file: String,
+    /// SHA-256 of its bytes, hexadecimal.
+    pub sha256: String,
+}
+
+/// Noise of one coordinate's encoder.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Encoder {
+    /// The joint's name.
+    pub name: String,
+    /// Standard deviation of one position reading, rad.
+    pub position_sigma_rad: f64,
+    /// Standard deviation of one velocity reading, rad/s, where velocities are measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub velocity_sigma_rad_s: Option<f64>,
+}
+
+/// Six numbers of a load or a compliance by name; absent where not determined. Force in S first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct Components {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fx_counts_per_n: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fy_counts_per_n: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fz_counts_per_n: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tx_counts_per_nm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ty_counts_per_nm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tz_counts_per_nm: Option<f64>,
+}
+
+/// The actual sensing frame A against S, with the pitch; absent where not determined.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct Frame {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub r_counts_per_nm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub a_x_rad: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub a_y_rad: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub l_x_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub l_y_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pitch_m: Option<f64>,
+}
+
+/// One gauge.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sensor {
+    /// Name, as in the configuration.
+    pub name: String,
+    /// URDF joint of its section, as in the configuration.
+    pub section: String,
+    /// Reading without load, counts.
+    pub bias_counts: f64,
+    /// Standard deviation of the bias, counts.
+    pub bias_sigma_counts: f64,
+    /// Standard deviation of one still reading about the calibrated prediction, its slow part included, counts.
+    pub noise_floor_counts: f64,
+    /// Share of the noise's variance that is correlated in time.
+    pub noise_slow_share: f64,
+    /// Correlation time of that part, s.
+    pub noise_slow_time_s: f64,
+    /// RMS of all samples used about the calibrated prediction, counts.
+    pub residual_rms_counts: f64,
+    /// Crosstalk against the nominal z torque, per cent; absent where not determined.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub crosstalk_percent: Option<f64>,
+    /// Length that compares N with Nm in the crosstalk, m.
+    pub crosstalk_length_m: f64,
+    /// Covariance of fx fy fz (counts/N), tx ty tz (counts/Nm) and bias (counts), in that order; where something is
+    /// unobservable, with the width that is assumed there.
+    pub covariance: [[f64; 7]; 7],
+    /// What the estimator uses where something is unobservable: `compliance` with the unseen directions at zero.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub working_compliance: Option<[f64; 6]>,
+    /// Sensitivity to the load of the section.
+    pub compliance: Components,
+    /// Its standard deviations.
+    pub compliance_sigma: Components,
+    /// The actual sensing frame.
+    pub frame: Frame,
+    /// Its standard deviations.
+    pub frame_sigma: Frame,
+    /// Baseline: the published five-parameter method on the same samples.
+    pub five_parameter: FiveParameter,
+    /// Baseline: no crosstalk correction, `z = k t_z + b` on the same samples.
+    pub nominal_axes: NominalAxes,
+    /// Directions that the data could not see.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unobservable: Vec<Unobservable>,
+}
+
+/// A direction of load to which a gauge's sensitivity is unknown.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Unobservable {
+    /// Unit direction of load in S; moments over the characteristic length 0.1 m.
+    pub direction: [f64; 6],
+    /// Width assumed for the sensitivity along it, so that it never counts as known, counts/N.
+    pub assumed_sigma_counts_per_n: f64,
+    /// The direction in physical words.
+    pub words: String,
+    /// What would show it.
+    pub remedy: String,
+}
+
+/// The published method's parameters of one gauge.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct FiveParameter {
+    pub r_counts_per_nm: f64,
+    pub a_x_rad: f64,
+    pub a_y_rad: f64,
+    pub l_x_m: f64,
+    pub l_y_m: f64,
+    pub bias_counts: f64,
+}
+
+/// A gauge taken to sense its nominal axis only.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct NominalAxes {
+    pub k_counts_per_nm: f64,
+    pub bias_counts: f64,
+}
+
+impl Components {
+    /// In the order fx fy fz tx ty tz; `None` where absent.
+    pub fn array(&self) -> [Option<f64>; 6] {
+        [
+            self.fx_counts_per_n,
+            self.fy_counts_per_n,
+            self.fz_counts_per_n,
+            self.tx_counts_per_nm,
+            self.ty_counts_per_nm,
+            self.tz_counts_per_nm,
+        ]
+    }
+
+    /// From the order fx fy fz tx ty tz.
+    pub fn from_array(c: [Option<f64>; 6]) -> Self {
+        Self {
+            fx_counts_per_n: c[0],
+            fy_counts_per_n: c[1],
+            fz_counts_per_n: c[2],
+            tx_counts_per_nm: c[3],
+            ty_counts_per_nm: c[4],
+            tz_counts_per_nm: c[5],
+        }
+    }
+}
+
+impl Frame {
+    /// In the order r a_x a_y l_x l_y pitch; `None` where absent.
+    pub fn array(&self) -> [Option<f64>; 6] {
+        [self.r_counts_per_nm, self.a_x_rad, self.a_y_rad, self.l_x_m, self.l_y_m, self.pitch_m]
+    }
+
+    /// From the order r a_x a_y l_x l_y pitch.
+    pub fn from_array(p: [Option<f64>; 6]) -> Self {
+        Self {
+            r_counts_per_nm: p[0],
+            a_x_rad: p[1],
+            a_y_rad: p[2],
+            l_x_m: p[3],
+            l_y_m: p[4],
+            pitch_m: p[5],
+        }
+    }
+}
+
+impl Sensor {
+    /// The compliance that the estimator uses, counts/N and counts/Nm in S.
+    pub fn working(&self) -> Vector6<f64> {
+        match &self.working_compliance {
+            Some(working) => Vector6::from(*working),
+            None => Vector6::from(self.compliance.array().map(|c| c.unwrap_or(0.0))),
+        }
+    }
+
+    /// The gauge as the estimator takes it.
+    pub fn gauge(&self) -> GaugeModel {
+        GaugeModel {
+            compliance: self.working(),
+            bias_counts: self.bias_counts,
+            covariance: GaugeCovariance::from_fn(|i, k| self.covariance[i][k]),
+            assumed: self.assumed(),
+            noise_counts2: self.noise_floor_counts.powi(2),
+        }
+    }
+
+    /// Covariance of the compliance that is assumed for lack of data; counts/N, counts/Nm.
+    fn assumed(&self) -> Option<Matrix6<f64>> {
+        let length = model::sensing::CHARACTERISTIC_LENGTH_M;
+        let mut sum = Matrix6::zeros();
+        for unseen in &self.unobservable {
+            // Sensitivity per unit of load/length: back from N-equivalents to counts per Nm.
+            let direction = Vector6::from_fn(|k, _| unseen.direction[k] * if k < 3 { 1.0 } else { length.recip() });
+            sum += direction * direction.transpose() * unseen.assumed_sigma_counts_per_n.powi(2);
+        }
+        (!self.unobservable.is_empty()).then_some(sum)
+    }
+}
+
+impl ModelFile {
+    /// Reads a model and checks that it is the model of this robot.
+    pub fn load(file: &Path, rig: &Rig) -> Result<Self, RigError> {
+        let model = Self::parse(file, &read_text(file, "a model that `wrenchctl calibrate` wrote")?)?;
+        rig.check_model(file, &model.fingerprint)?;
+        let joints = model.joints.iter().map(|j| j.name.as_str());
+        if !joints.eq(rig.chain.coordinate_names()) {
+            let names = rig.chain.coordinate_names().join(", ");
+            let problem = format!("its [[joint]] tables are not those of the arm, {names}; calibrate this arm");
+            return Err(RigError::of_file(file, problem));
+        }
+        Ok(model)
+    }
+
+    /// Reads a model's text; `file` is named in errors.
+    pub fn parse(file: &Path, text: &str) -> Result<Self, RigError> {
+        let model: Self = document::parse(file, text)?;
+        model.check().map_err(|problem| {
+            RigError::of_file(file, format!("{problem}; the file was edited or cut, calibrate again"))
+        })?;
+        Ok(model)
+    }
+
+    /// The model as text.
+    pub fn to_toml(&self) -> String {
+        let body = toml::to_string(self).expect("a model has only keys and values that TOML can hold");
+        format!("# Calibrated model of an arm with joint torque sensors, written by `wrenchctl calibrate`.\n{body}")
+    }
+
+    /// The gauges as the estimator takes them.
+    pub fn gauges(&self) -> Vec<GaugeModel> {
+        self.sensors.iter().map(Sensor::gauge).collect()
+    }
+
+    /// Encoder of a coordinate.
+    pub fn encoder(&self, coordinate: usize) -> &Encoder {
+        &self.joints[coordinate]
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if self.sensors.len() != self.fingerprint.sensors.len() {
+            return Err("has another number of [[sensor]] tables than its fingerprint".into());
+        }
+        for (sensor, print) in self.sensors.iter().zip(&self.fingerprint.sensors) {
+            sensor.check().map_err(|problem| format!("sensor \"{}\": {problem}", sensor.name))?;
+            if (&sensor.name, &sensor.section) != (&print.name, &print.section) {
+                return Err(format!("sensor \"{}\" is not the one in its fingerprint", sensor.name));
+            }
+        }
+        for joint in &self.joints {
+            let sigma = joint.position_sigma_rad;
+            if !(sigma > 0.0 && sigma.is_finite()) {
+                return Err(format!("joint \"{}\": position_sigma_rad = {sigma} is not positive", joint.name));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Sensor {
+    fn check(&self) -> Result<(), String> {
+        if !(self.noise_floor_counts > 0.0 && self.noise_floor_counts.is_finite()) {
+            return Err(format!("noise_floor_counts = {} is not positive", self.noise_floor_counts));
+        }
+        if !self.bias_counts.is_finite() || !self.working().iter().all(|c| c.is_finite()) {
+            return Err("compliance or bias is not a finite number".into());
+        }
+        let covariance = GaugeCovariance::from_fn(|i, k| self.covariance[i][k]);
+        if !covariance.iter().all(|c| c.is_finite()) {
+            return Err("the covariance has a number that is not finite".into());
+        }
+        let lopsided = (covariance - covariance.transpose()).amax() > 1e-9 * covariance.amax();
+        if lopsided || covariance.diagonal().iter().any(|v| *v < 0.0) {
+            return Err("the covariance is not symmetric with a positive diagonal".into());
+        }
+        if self.unobservable.is_empty() && self.compliance.array().contains(&None) {
+            return Err("a component of the compliance is missing, and nothing is called unobservable".into());
+        }
+        Ok(())
+    }
+}
