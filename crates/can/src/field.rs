@@ -152,7 +152,7 @@ mod tests {
                 ByteOrder::Little => value |= bit(start + i) << i,
                 ByteOrder::Big => {
                     value = value << 1 | bit(at);
-                    at = if at % 8 == 0 { at + 15 } else { at - 1 };
+                    at = if at.is_multiple_of(8) { at + 15 } else { at - 1 };
                 }
             }
         }

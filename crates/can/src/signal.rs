@@ -165,10 +165,10 @@ impl SignalSpec {
             return Err(EncodeError::TooShort);
         }
         for condition in &self.mux {
-            if let Some(&(low, _)) = condition.ranges.first() {
-                if !condition.field.insert(data, low) {
-                    return Err(EncodeError::TooShort);
-                }
+            if let Some(&(low, _)) = condition.ranges.first()
+                && !condition.field.insert(data, low)
+            {
+                return Err(EncodeError::TooShort);
             }
         }
         if self.field.insert(data, raw) { Ok(()) } else { Err(EncodeError::TooShort) }

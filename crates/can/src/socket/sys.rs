@@ -1,0 +1,184 @@
+//! The system calls; the only unsafe code of the crate
+
+use std::ffi::CString;
+use std::io;
+use std::mem::{size_of, zeroed};
+use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
+use std::ptr::{from_mut, from_ref, null_mut};
+use std::time::Duration;
+
+use super::wire::{self, FD_MTU};
+use crate::frame::{CanId, Frame};
+
+/// Most frames a system call
+pub(super) const BATCH: usize = 64;
+/// Room for a stamp (32 bytes with its header) and a drop count (24)
+const CONTROL: usize = 128;
+
+fn check(result: libc::c_int) -> io::Result<usize> {
+    usize::try_from(result).map_err(|_| io::Error::last_os_error())
+}
+
+/// Index of an interface of this name
+pub(super) fn interface_index(name: &str) -> Option<libc::c_int> {
+    let name = CString::new(name).ok()?;
+    // SAFETY: `name` is a string ended by zero that outlives the call.
+    let index = unsafe { libc::if_nametoindex(name.as_ptr()) };
+    libc::c_int::try_from(index).ok().filter(|&index| index > 0)
+}
+
+/// A raw CAN socket that does not block, not yet bound
+pub(super) fn raw_socket() -> io::Result<OwnedFd> {
+    let kind = libc::SOCK_RAW | libc::SOCK_NONBLOCK | libc::SOCK_CLOEXEC;
+    // SAFETY: no pointers are passed.
+    let fd = unsafe { libc::socket(libc::PF_CAN, kind, libc::CAN_RAW) };
+    check(fd)?;
+    // SAFETY: `fd` was just opened and nothing else owns it.
+    Ok(unsafe { OwnedFd::from_raw_fd(fd) })
+}
+
+/// Binds a socket to an interface
+pub(super) fn bind(socket: &OwnedFd, interface: libc::c_int) -> io::Result<()> {
+    // SAFETY: all zeros is a valid sockaddr_can: integers only.
+    let mut address: libc::sockaddr_can = unsafe { zeroed() };
+    address.can_family = libc::AF_CAN as libc::sa_family_t;
+    address.can_ifindex = interface;
+    let len = size_of::<libc::sockaddr_can>() as libc::socklen_t;
+    // SAFETY: pointer and length describe `address`, which outlives the call.
+    check(unsafe { libc::bind(socket.as_raw_fd(), from_ref(&address).cast(), len) }).map(drop)
+}
+
+fn set<T>(socket: &OwnedFd, level: libc::c_int, name: libc::c_int, values: &[T]) -> io::Result<()> {
+    let len = size_of_val(values) as libc::socklen_t;
+    // SAFETY: pointer and length describe `values`, which outlives the call; an empty slice is passed with length 0.
+    check(unsafe { libc::setsockopt(socket.as_raw_fd(), level, name, values.as_ptr().cast(), len) }).map(drop)
+}
+
+/// Sets an on/off option
+pub(super) fn enable(socket: &OwnedFd, level: libc::c_int, name: libc::c_int) -> io::Result<()> {
+    set(socket, level, name, &[1 as libc::c_int])
+}
+
+/// Lets only these identifiers' data frames through; none of them: nothing at all
+pub(super) fn set_filters(socket: &OwnedFd, ids: &[CanId]) -> io::Result<()> {
+    let filters: Vec<libc::can_filter> = ids
+        .iter()
+        .map(|id| libc::can_filter {
+            can_id: id.with_flag(),
+            can_mask: libc::CAN_EFF_FLAG
+                | libc::CAN_RTR_FLAG
+                | if id.is_extended() { libc::CAN_EFF_MASK } else { libc::CAN_SFF_MASK },
+        })
+        .collect();
+    set(socket, libc::SOL_CAN_RAW, libc::CAN_RAW_FILTER, &filters)
+}
+
+/// Lets every class of error frames through
+pub(super) fn set_error_filter(socket: &OwnedFd) -> io::Result<()> {
+    set(socket, libc::SOL_CAN_RAW, libc::CAN_RAW_ERR_FILTER, &[libc::CAN_ERR_MASK])
+}
+
+/// Asks for a receive buffer, beyond the system's limit where that is allowed; what the kernel gave
+pub(super) fn set_receive_buffer(socket: &OwnedFd, bytes: usize) -> io::Result<usize> {
+    // The kernel doubles what is asked for, to account for its own overhead.
+    let asked = libc::c_int::try_from(bytes / 2).unwrap_or(libc::c_int::MAX / 2);
+    if set(socket, libc::SOL_SOCKET, libc::SO_RCVBUFFORCE, &[asked]).is_err() {
+        set(socket, libc::SOL_SOCKET, libc::SO_RCVBUF, &[asked])?;
+    }
+    let mut got: libc::c_int = 0;
+    let mut len = size_of::<libc::c_int>() as libc::socklen_t;
+    let (level, name) = (libc::SOL_SOCKET, libc::SO_RCVBUF);
+    // SAFETY: pointer and length describe `got`, which outlives the call.
+    check(unsafe { libc::getsockopt(socket.as_raw_fd(), level, name, from_mut(&mut got).cast(), &mut len) })?;
+    Ok(got.max(0) as usize)
+}
+
+/// Waits until one of the sockets has something, at most `timeout`; how many have
+pub(super) fn wait(polled: &mut [libc::pollfd], timeout: Duration) -> io::Result<usize> {
+    let limit = libc::timespec {
+        tv_sec: libc::time_t::try_from(timeout.as_secs()).unwrap_or(libc::time_t::MAX),
+        tv_nsec: timeout.subsec_nanos().into(),
+    };
+    // SAFETY: pointer and length describe `polled`, `limit` outlives the call, no signal mask is passed.
+    check(unsafe { libc::ppoll(polled.as_mut_ptr(), polled.len() as libc::nfds_t, &limit, std::ptr::null()) })
+}
+
+/// `CLOCK_REALTIME` in ns since the Unix epoch
+pub(super) fn realtime_ns() -> i64 {
+    let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: `now` outlives the call, which only writes to it.
+    unsafe { libc::clock_gettime(libc::CLOCK_REALTIME, &mut now) };
+    now.tv_sec * 1_000_000_000 + now.tv_nsec
+}
+
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(8))]
+struct Slot {
+    control: [u8; CONTROL],
+    frame: [u8; FD_MTU],
+}
+
+/// Buffers for a batch of received frames
+#[derive(Debug)]
+pub(super) struct Receiver {
+    slots: Box<[Slot]>,
+    /// Bytes of frame and of control messages of each received slot
+    lens: [(usize, usize); BATCH],
+}
+
+impl Receiver {
+    pub(super) fn new() -> Self {
+        let slot = Slot { control: [0; CONTROL], frame: [0; FD_MTU] };
+        Self { slots: vec![slot; BATCH].into_boxed_slice(), lens: [(0, 0); BATCH] }
+    }
+
+    /// Receives what is there, at most `most` frames; never waits
+    pub(super) fn receive(&mut self, socket: &OwnedFd, most: usize) -> io::Result<usize> {
+        // SAFETY: all zeros is a valid iovec and mmsghdr: null pointers and integers only.
+        let (mut vectors, mut headers) =
+            unsafe { (zeroed::<[libc::iovec; BATCH]>(), zeroed::<[libc::mmsghdr; BATCH]>()) };
+        for ((slot, vector), header) in self.slots.iter_mut().zip(&mut vectors).zip(&mut headers) {
+            *vector = libc::iovec { iov_base: slot.frame.as_mut_ptr().cast(), iov_len: FD_MTU };
+            header.msg_hdr.msg_iov = vector;
+            header.msg_hdr.msg_iovlen = 1;
+            header.msg_hdr.msg_control = slot.control.as_mut_ptr().cast();
+            header.msg_hdr.msg_controllen = CONTROL as _;
+        }
+        let count = most.min(BATCH) as libc::c_uint;
+        // SAFETY: the first `count` headers point to vectors and buffers of the lengths given, all of which outlive the
+        // call and are borrowed by nothing else.
+        let got = check(unsafe {
+            libc::recvmmsg(socket.as_raw_fd(), headers.as_mut_ptr(), count, libc::MSG_DONTWAIT, null_mut())
+        })?;
+        for (lens, header) in self.lens.iter_mut().zip(&headers[..got]) {
+            *lens = ((header.msg_len as usize).min(FD_MTU), header.msg_hdr.msg_controllen.min(CONTROL));
+        }
+        Ok(got)
+    }
+
+    /// Frame and control messages of a received slot
+    pub(super) fn message(&self, slot: usize) -> (&[u8], &[u8]) {
+        let (frame, control) = self.lens[slot];
+        (&self.slots[slot].frame[..frame], &self.slots[slot].control[..control])
+    }
+}
+
+/// Offers at most [`BATCH`] frames; how many were taken. Never waits.
+pub(super) fn send(socket: &OwnedFd, frames: &[Frame]) -> io::Result<usize> {
+    let frames = &frames[..frames.len().min(BATCH)];
+    let mut bytes = [[0u8; FD_MTU]; BATCH];
+    // SAFETY: all zeros is a valid iovec and mmsghdr: null pointers and integers only.
+    let (mut vectors, mut headers) =
+        unsafe { (zeroed::<[libc::iovec; BATCH]>(), zeroed::<[libc::mmsghdr; BATCH]>()) };
+    for (((frame, bytes), vector), header) in
+        frames.iter().zip(&mut bytes).zip(&mut vectors).zip(&mut headers)
+    {
+        let len = wire::encode(frame, bytes);
+        *vector = libc::iovec { iov_base: bytes.as_mut_ptr().cast(), iov_len: len };
+        header.msg_hdr.msg_iov = vector;
+        header.msg_hdr.msg_iovlen = 1;
+    }
+    let count = frames.len() as libc::c_uint;
+    // SAFETY: the first `count` headers point to vectors and buffers of the lengths given, all of which outlive the call.
+    check(unsafe { libc::sendmmsg(socket.as_raw_fd(), headers.as_mut_ptr(), count, libc::MSG_DONTWAIT) })
+}
