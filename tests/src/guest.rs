@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 
 const STEP_LIMIT: Duration = Duration::from_secs(20);
 const LISTEN_LIMIT: Duration = Duration::from_secs(20);
-/// Room for some 20 000 classical frames while the capturing program waits for the processor.
-const CAPTURE_BUFFER: &str = "8388608";
+/// Room for some 80 000 classical frames while the capturing program waits for the processor.
+const CAPTURE_BUFFER: &str = "33554432";
 /// The kernel's lists of who receives what.
 const RECEIVER_LISTS: [&str; 6] =
     ["rcvlist_all", "rcvlist_eff", "rcvlist_err", "rcvlist_fil", "rcvlist_inv", "rcvlist_sff"];
@@ -67,6 +67,16 @@ impl Guest {
     /// Starts a command and returns once it listens on the link.
     pub fn start_listening(&self, command: &mut Command, interface: &str) -> Check<Program> {
         self.listening(interface, || Program::start(command))
+    }
+
+    /// How many frames a link has carried since it was added, by the kernel's count.
+    pub fn carried(&self, interface: &str) -> Check<u64> {
+        let path = Path::new("/proc/net/dev");
+        let text = fs::read_to_string(path).at("read", path)?;
+        // name: bytes packets ...
+        let row = text.lines().find_map(|line| line.trim_start().strip_prefix(interface)?.strip_prefix(':'));
+        let packets = row.and_then(|row| row.split_ascii_whitespace().nth(1)?.parse().ok());
+        packets.ok_or_else(|| Failure::new(format!("no count of {interface} in {}:\n{text}", path.display())))
     }
 
     fn listening(&self, interface: &str, start: impl FnOnce() -> Check<Program>) -> Check<Program> {
@@ -126,8 +136,11 @@ impl Capture {
         let finished = self.program.stop(STEP_LIMIT)?;
         ensure!(finished.stderr().is_empty(), "candump said: {}", finished.stderr());
         let text = fs::read_to_string(&self.path).at("read", &self.path)?;
-        let dropped: Vec<&str> = text.lines().filter(|line| line.contains("DROPCOUNT")).collect();
-        ensure!(dropped.is_empty(), "the capture itself lost frames: {}", dropped.join("; "));
+        let dropped = text.lines().rfind(|line| line.contains("DROPCOUNT"));
+        ensure!(
+            dropped.is_none(),
+            "the capture itself lost frames; the last of candump's remarks: {dropped:?}"
+        );
         let lines = text.lines().map(Line::parse).collect::<Check<Vec<Line>>>()?;
         Ok(Captured { lines, path: self.path })
     }

@@ -65,11 +65,12 @@ impl Request {
 }
 
 /// The `main` of a test target: outside it prepares the machine and runs itself inside; inside it runs the scenarios.
-pub fn main(scenarios: &[Scenario]) -> ExitCode {
+pub fn main(groups: &[&[Scenario]]) -> ExitCode {
     machine::init_if_first_process();
     let request = Request::parse(std::env::args().skip(1));
-    let chosen: Vec<&Scenario> = scenarios.iter().filter(|scenario| request.wants(scenario.name)).collect();
-    let left_out = scenarios.len() - chosen.len();
+    let scenarios = || groups.iter().copied().flatten();
+    let chosen: Vec<&Scenario> = scenarios().filter(|scenario| request.wants(scenario.name)).collect();
+    let left_out = scenarios().count() - chosen.len();
     if request.list {
         chosen.iter().for_each(|scenario| println!("{}: test", scenario.name));
         return ExitCode::SUCCESS;

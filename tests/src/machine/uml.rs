@@ -141,10 +141,13 @@ fn memory_dir(scratch: &Path) -> Check<PathBuf> {
     let candidates = [own.as_deref(), Some(Path::new("/dev/shm")), Some(Path::new("/tmp")), Some(scratch)];
     for dir in candidates.into_iter().flatten() {
         let fit = statvfs(dir).map_err(|error| error.to_string()).and_then(|fs| {
-            let free_mib = u128::from(fs.blocks_available()) * u128::from(fs.fragment_size()) / (1 << 20);
+            let mib = |blocks: u64| u128::from(blocks) * u128::from(fs.fragment_size()) / (1 << 20);
+            let free_mib = mib(fs.blocks_available());
+            // A tmpfs without a limit says that it has no blocks.
+            let unlimited = fs.blocks() == 0;
             if fs.flags().contains(FsFlags::ST_NOEXEC) {
                 Err("mounted noexec".to_owned())
-            } else if free_mib < u128::from(MEMORY_MIB) + 64 {
+            } else if !unlimited && free_mib < u128::from(MEMORY_MIB) + 64 {
                 Err(format!("{free_mib} MiB free"))
             } else if nix::unistd::access(dir, nix::unistd::AccessFlags::W_OK).is_err() {
                 Err("not writable".to_owned())

@@ -1,10 +1,12 @@
 //! On real SocketCAN, in a machine of its own: see `wrenchd_tests::machine`.
 
 mod bus;
+mod daemon;
+mod rig;
 
 use std::process::ExitCode;
 use wrenchd_tests::suite;
 
 fn main() -> ExitCode {
-    suite::main(bus::SCENARIOS)
+    suite::main(&[bus::SCENARIOS, daemon::SCENARIOS])
 }
