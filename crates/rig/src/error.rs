@@ -26,6 +26,12 @@ pub enum RigError {
         /// Fact, value and what to do.
         problem: String,
     },
+    /// A URDF from which no chain can be made.
+    #[error(transparent)]
+    Urdf(#[from] model::urdf::UrdfError),
+    /// A DBC, a log or signals that cannot be used.
+    #[error(transparent)]
+    Can(#[from] can::Error),
 }
 
 impl RigError {
@@ -46,18 +52,23 @@ fn line_suffix(line: Option<usize>) -> String {
 
 /// The text of a file; `what` says in two or three words what the file should be.
 pub(crate) fn read_text(file: &Path, what: &str) -> Result<String, RigError> {
-    let bytes = std::fs::read(file).map_err(|source| {
+    let bytes = read_bytes(file, what)?;
+    String::from_utf8(bytes).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        let line = error.as_bytes().iter().take(at).filter(|byte| **byte == b'\n').count() + 1;
+        RigError::at_line(file, line, format!("is not UTF-8 text; give {what}, saved as UTF-8"))
+    })
+}
+
+/// The bytes of a file; `what` says in two or three words what the file should be.
+pub(crate) fn read_bytes(file: &Path, what: &str) -> Result<Vec<u8>, RigError> {
+    std::fs::read(file).map_err(|source| {
         let remedy = match source.kind() {
             std::io::ErrorKind::NotFound => format!("give the path of {what}"),
             std::io::ErrorKind::IsADirectory => format!("give the path of {what}, not of its folder"),
             _ => format!("make {what} readable for this user"),
         };
         RigError::Read { file: file.to_owned(), source, remedy }
-    })?;
-    String::from_utf8(bytes).map_err(|error| {
-        let at = error.utf8_error().valid_up_to();
-        let line = error.as_bytes().iter().take(at).filter(|byte| **byte == b'\n').count() + 1;
-        RigError::at_line(file, line, format!("is not UTF-8 text; give {what}, saved as UTF-8"))
     })
 }
 

@@ -1,7 +1,7 @@
 //! The configuration of one robot: which arm, which signals, which outputs.
 //!
 //! One TOML file, `format = 1`; paths in it are relative to it. [`Config::load`] reads and checks all that can be
-//! checked without the other files; `Rig::load` checks it against the URDF and the DBC.
+//! checked without the other files; [`crate::Rig::load`] checks it against the URDF and the DBC.
 
 mod check;
 mod outputs;
@@ -19,7 +19,7 @@ pub use values::{Inertia, Network, SignalName};
 
 pub(crate) use values::three;
 
-use crate::document;
+use crate::document::{self, Problem, Step};
 use crate::error::{RigError, read_text};
 
 /// One robot as its configuration file describes it, checked by itself.
@@ -53,6 +53,8 @@ pub struct Config {
     pub filter: Filter,
     /// The control socket; off where absent.
     pub control: Option<Control>,
+    #[serde(skip)]
+    text: String,
 }
 
 /// The arm: URDF, the two ends of the chain, gravity.
@@ -108,7 +110,7 @@ pub struct JointEntry {
     pub position: SignalName,
     /// Its velocity, where the bus carries it.
     pub velocity: Option<SignalName>,
-    /// The one interface that it comes from; any of the bus's where absent.
+    /// The interface that it comes from, one of the bus's; the first of them where absent.
     pub interface: Option<String>,
     /// Stamp minus sampling instant (s); absent = sampled together with the gauges.
     pub delay_s: Option<f64>,
@@ -133,7 +135,7 @@ pub struct SensorEntry {
     pub sequence: Option<SignalName>,
     /// Its temperature.
     pub temperature: Option<SignalName>,
-    /// The one interface that it comes from; any of the bus's where absent.
+    /// The interface that it comes from, one of the bus's; the first of them where absent.
     pub interface: Option<String>,
     /// Stamp minus sampling instant (s); absent = all gauges were sampled at one instant.
     pub delay_s: Option<f64>,
@@ -172,8 +174,20 @@ impl Config {
         let mut config: Self = document::parse(file, text)?;
         check::check(&config).map_err(|problem| document::locate(file, text, problem))?;
         file.clone_into(&mut config.file);
+        text.clone_into(&mut config.text);
         config.resolve_paths();
         Ok(config)
+    }
+
+    /// The file's text, as it was read.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// An error about the value at the end of a way through the file.
+    pub(crate) fn problem(&self, at: &[Step], text: String) -> RigError {
+        document::locate(&self.file, &self.text, Problem::new(at, text))
     }
 
     fn resolve_paths(&mut self) {
