@@ -68,6 +68,11 @@ impl<C: Clock> Replay<C> {
         &self.reader
     }
 
+    /// The clock behind it
+    pub fn clock(&self) -> &C {
+        &self.clock
+    }
+
     fn advance(&mut self) -> Result<()> {
         if self.next.is_some() || self.ended {
             return Ok(());

@@ -1,6 +1,6 @@
 //! The end of a round: sampling instants, ages, and a snapshot of it
 
-use super::{Absence, Assembler, GaugeSlots, Held, JointReading, Reading, Signal, Stream};
+use super::{Absence, Assembler, GaugeSlots, Held, JointReading, Reading, Signal};
 
 impl Assembler {
     /// Ends the open round and hands on its snapshot
@@ -104,11 +104,15 @@ impl Assembler {
         let stream = &self.streams[usize::from(stream)];
         let age_ns = instant_ns.saturating_sub(held.at_ns);
         if !held.seen {
-            return Err(absence(stream).unwrap_or(Absence::NeverSeen));
+            return Err(stream.fault(self.round).unwrap_or(Absence::NeverSeen));
         }
         let too_old = age_ns > self.stale_after_ns;
         if !stream.holds(self.round) {
-            return Err(absence(stream).unwrap_or(if too_old { Absence::Stale } else { Absence::Missed }));
+            return Err(stream.fault(self.round).unwrap_or(if too_old {
+                Absence::Stale
+            } else {
+                Absence::Missed
+            }));
         }
         if too_old {
             return Err(Absence::Stale);
@@ -135,16 +139,5 @@ fn reading(held: &Held, age_ns: i64) -> Signal {
         Ok(Reading { value: held.value, at_ns: held.at_ns, age_ns })
     } else {
         Err(Absence::NotFinite)
-    }
-}
-
-/// Why a message that did come in this round is none
-fn absence(stream: &Stream) -> Option<Absence> {
-    if stream.wrong_length {
-        Some(Absence::WrongLength)
-    } else if stream.repeated {
-        Some(Absence::Repeated)
-    } else {
-        None
     }
 }

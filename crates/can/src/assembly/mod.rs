@@ -8,6 +8,8 @@ mod close;
 mod layout;
 mod rounds;
 mod snapshot;
+#[cfg(test)]
+mod tests;
 
 use crate::decode::{DecodeTable, Outcome, Value};
 use crate::error::Result;
@@ -155,7 +157,7 @@ impl Assembler {
                 self.counts.wrong_length += 1;
                 let of = self.compiled.stream_messages.iter();
                 for (stream, _) in self.streams.iter_mut().zip(of).filter(|(_, of)| **of == message) {
-                    stream.wrong_length = true;
+                    stream.wrong_length(self.round);
                 }
             }
             Outcome::Decoded(message) => {
@@ -212,7 +214,7 @@ impl Assembler {
     fn mark_repeated(&mut self) {
         for value in &self.pending {
             if let Role::Streamed(stream) = self.compiled.roles[usize::from(value.slot)] {
-                self.streams[usize::from(stream)].repeated = true;
+                self.streams[usize::from(stream)].repeat(self.round);
             }
         }
     }

@@ -1,5 +1,7 @@
 //! When a round ends: which messages are due, and to which cycle of the boards a frame belongs
 
+use super::Absence;
+
 /// Most rounds between two frames of a message that are still waited for
 const MAX_USUAL: u64 = 16;
 /// After so many missed dues a message is not waited for until it returns
@@ -18,8 +20,10 @@ pub(super) struct Stream {
     missed: u8,
     awaited: bool,
     pub(super) arrived: bool,
-    pub(super) repeated: bool,
-    pub(super) wrong_length: bool,
+    /// Last round in which its frame came without news
+    repeated_round: Option<u64>,
+    /// Last round in which its frame came with another length
+    wrong_length_round: Option<u64>,
     /// Whether the frame at hand belongs to it
     pub(super) hit: bool,
     stamp_ns: Option<i64>,
@@ -37,8 +41,8 @@ impl Stream {
             missed: 0,
             awaited: true,
             arrived: false,
-            repeated: false,
-            wrong_length: false,
+            repeated_round: None,
+            wrong_length_round: None,
             hit: false,
             stamp_ns: None,
             phase_ns: None,
@@ -56,6 +60,29 @@ impl Stream {
         self.last_round.is_some_and(|last| round.saturating_sub(last) < self.usual)
     }
 
+    /// Its frame came again without news; a duplicate of this round's is none of its business
+    pub(super) fn repeat(&mut self, round: u64) {
+        if self.last_round != Some(round) {
+            self.repeated_round = Some(round);
+        }
+    }
+
+    pub(super) fn wrong_length(&mut self, round: u64) {
+        self.wrong_length_round = Some(round);
+    }
+
+    /// Why it has no reading although frames come: in this round, or in the last if this one did not wait for it
+    pub(super) fn fault(&self, round: u64) -> Option<Absence> {
+        let recent = |seen: Option<u64>| seen.is_some_and(|seen| round.saturating_sub(seen) <= 1);
+        if recent(self.wrong_length_round) {
+            Some(Absence::WrongLength)
+        } else if recent(self.repeated_round) {
+            Some(Absence::Repeated)
+        } else {
+            None
+        }
+    }
+
     pub(super) fn arrive(&mut self, round: u64, stamp_ns: i64) {
         if let Some(last) = self.last_round.filter(|&last| last < round) {
             self.gaps[self.next_gap] = (round - last).min(MAX_USUAL) as u8;
@@ -63,6 +90,8 @@ impl Stream {
             self.usual = self.gaps.iter().copied().filter(|&gap| gap > 0).min().unwrap_or(1).into();
         }
         self.last_round = Some(round);
+        self.repeated_round = None;
+        self.wrong_length_round = None;
         self.missed = 0;
         self.awaited = true;
         self.stamp_ns = Some(stamp_ns);
@@ -76,8 +105,6 @@ impl Stream {
             self.awaited = self.missed < MAX_MISSED;
         }
         self.arrived = false;
-        self.repeated = false;
-        self.wrong_length = false;
         missed
     }
 
