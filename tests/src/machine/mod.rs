@@ -11,7 +11,7 @@ mod uml;
 use crate::process;
 use crate::scratch::Scratch;
 use crate::{Check, Failure, IoContext, packages};
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -21,8 +21,6 @@ pub use init::init_if_first_process;
 
 /// Names the scratch directory to the program inside; its presence says that one is inside.
 const SCRATCH_VARIABLE: &str = "WRENCHD_TEST_SCRATCH";
-/// What the machine is, for the program inside.
-const KIND_VARIABLE: &str = "WRENCHD_TEST_MACHINE";
 
 /// A machine that is ready to run programs.
 pub struct Machine {
@@ -109,10 +107,6 @@ impl Machine {
     /// Runs a program inside to its end, its output going where this program's goes, and returns its exit status. When the status is not 0,
     /// what was left in the scratch directory stays there, and its path is said.
     pub fn run(mut self, job: Job, limit: Duration) -> Check<i32> {
-        let kind = match self.kind {
-            Kind::Namespace(_) => "namespace",
-            Kind::Uml(_) => "uml",
-        };
         let path = std::env::join_paths(packages::search_path())?;
         let temporary = match self.kind {
             Kind::Namespace(_) => self.scratch.path().join("tmp"),
@@ -126,7 +120,6 @@ impl Machine {
             .env("HOME", &temporary)
             .env("TMPDIR", &temporary)
             .env("LANG", "C.UTF-8")
-            .env(KIND_VARIABLE, kind)
             .env(SCRATCH_VARIABLE, self.scratch.path());
         let outcome = match &self.kind {
             Kind::Namespace(namespace) => namespace.run(&job, limit),
@@ -145,9 +138,9 @@ pub fn inside() -> Option<PathBuf> {
     std::env::var_os(SCRATCH_VARIABLE).map(PathBuf::from)
 }
 
-/// True inside user-mode Linux, where a system call costs tens of microseconds.
-pub fn is_uml() -> bool {
-    std::env::var_os(KIND_VARIABLE).is_some_and(|kind| kind == OsStr::new("uml"))
+/// Takes from a command what tells a program that it is inside: it will prepare a machine of its own.
+pub fn as_if_outside(command: &mut Command) {
+    command.env_remove(SCRATCH_VARIABLE);
 }
 
 /// Brings up the links that every program inside finds: lo, vcan0 and vcan1, wide enough for CAN FD.

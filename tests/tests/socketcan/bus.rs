@@ -8,7 +8,7 @@ use wrenchd_tests::candump::{self, Line};
 use wrenchd_tests::guest::{Guest, ensure_same_frames, send};
 use wrenchd_tests::process::{self, Program};
 use wrenchd_tests::suite::Scenario;
-use wrenchd_tests::{Check, ensure};
+use wrenchd_tests::{Check, IoContext, ensure, machine};
 
 const LIMIT: Duration = Duration::from_secs(60);
 const STEP: Duration = Duration::from_secs(20);
@@ -21,6 +21,12 @@ pub(crate) const SCENARIOS: &[Scenario] = &[
     Scenario { name: "bus::a_full_buffer_is_counted_by_the_kernel", needs: &[], limit: LIMIT, run: drops },
     Scenario { name: "bus::a_thousand_rounds_a_second_arrive", needs: &[], limit: LIMIT, run: rounds },
     Scenario { name: "bus::a_link_goes_and_comes_back", needs: &[], limit: LIMIT, run: link_returns },
+    Scenario {
+        name: "bus::a_namespace_serves_where_there_is_vcan",
+        needs: &[],
+        limit: LIMIT,
+        run: namespace,
+    },
 ];
 
 fn links(_: &Guest) -> Check {
@@ -141,5 +147,22 @@ fn link_returns(guest: &Guest) -> Check {
     send(Command::new("cansend").args(["vcan1", "123#CAFE"]), STEP)?;
     let lines = capture.stop()?.lines;
     ensure!(lines.len() == 1 && lines[0].frame() == "123#CAFE", "after its return vcan1 carried {lines:?}");
+    Ok(())
+}
+
+/// This kernel has vcan: started here as a user starts it, the target must choose a namespace, and find its links there.
+fn namespace(guest: &Guest) -> Check {
+    let build = guest.dir().join("build");
+    std::fs::create_dir(&build).at("create", &build)?;
+    let tag = build.join("CACHEDIR.TAG");
+    std::fs::write(&tag, "").at("write", &tag)?;
+    let (own, executable) = (std::env::current_exe()?, build.join("socketcan"));
+    std::fs::copy(&own, &executable).at("copy", &own)?;
+    let mut command = Command::new(&executable);
+    machine::as_if_outside(&mut command);
+    let said = process::run(command.args(["--exact", SCENARIOS[0].name]), LIMIT / 2)?.stdout();
+    for word in ["CAN machine: network namespace", "1 passed, 0 failed"] {
+        ensure!(said.contains(word), "it did not say {word:?} but:\n{said}");
+    }
     Ok(())
 }
