@@ -1,2 +1,7 @@
-//! Placeholder until the first command lands.
-fn main() {}
+//! `wrenchctl`: everything that a person types
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    wrenchctl::main()
+}

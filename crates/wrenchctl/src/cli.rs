@@ -1,0 +1,26 @@
+//! The command line: one variant a command; each command's module has its own arguments.
+
+use clap::{Parser, Subcommand};
+
+use crate::commands::check;
+
+/// End-effector wrench from joint torque sensors: calibrate, check, record, replay, simulate
+#[derive(Parser, Debug)]
+#[command(
+    name = "wrenchctl",
+    version,
+    max_term_width = 120,
+    after_help = "Exit status: 0 done; 1 the answer is \"no\"; 2 unusable input or arguments, with the reason on stderr."
+)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// Everything that a person types.
+#[derive(Subcommand, Debug)]
+pub enum Command {
+    /// Check configuration, URDF, DBC and model against each other; print the planned bus load
+    Check(check::Args),
+}
