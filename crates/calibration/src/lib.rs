@@ -1,4 +1,22 @@
 //! From recordings to each gauge's actual sensing frame, with what the data can and cannot see.
+//!
+//! [`recording`] reads a run by the same ingestion as the daemon, [`dataset`] finds the stretches in which the arm holds still
+//! and what loads each section there, [`solve`] and [`noise`] estimate one gauge, [`observability`] says what the data
+//! could not show, [`gauges`] brings all gauges together and [`calibrate`] makes the stored model of it. [`validate`]
+//! scores a recording against its truth.
 
+mod calibrate;
+pub mod dataset;
+mod error;
+pub mod gauges;
 pub mod noise;
+pub mod observability;
+pub mod recording;
+pub mod solve;
+pub mod still;
 pub mod triangle;
+pub mod validate;
+
+pub use calibrate::{Axes, Calibration, calibrate};
+pub use error::Error;
+pub use recording::Recording;

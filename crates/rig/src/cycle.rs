@@ -143,8 +143,6 @@ impl Cycle {
 pub struct MotionTracker {
     filters: Vec<MotionFilter>,
     velocity_sigmas: Vec<f64>,
-    /// Which joint of a snapshot belongs to each coordinate.
-    entries: Vec<usize>,
     motion: Vec<JointMotion>,
 }
 
@@ -155,7 +153,6 @@ impl MotionTracker {
         Self {
             filters: encoders.iter().map(|e| MotionFilter::new(e.position_sigma_rad)).collect(),
             velocity_sigmas: encoders.iter().map(|e| e.velocity_sigma_rad_s.unwrap_or(f64::NAN)).collect(),
-            entries: rig.joint_entries.clone(),
             motion: vec![JointMotion::at_rest(0.0); encoders.len()],
         }
     }
@@ -165,7 +162,7 @@ impl MotionTracker {
     pub fn track(&mut self, snapshot: &Snapshot) -> Result<(&[JointMotion], Status), usize> {
         let mut status = Status::GOOD;
         for (k, filter) in self.filters.iter_mut().enumerate() {
-            let joint = &snapshot.joints[self.entries[k]];
+            let joint = &snapshot.joints[k];
             match joint.position {
                 Ok(position) => {
                     filter.measure(position.at_ns, position.value);
@@ -190,7 +187,8 @@ impl MotionTracker {
         Ok((&self.motion, status))
     }
 
-    fn advance(&mut self, snapshot: &Snapshot, stage: &mut Stage) -> Estimate {
+    /// The wrench of the next snapshot.
+    pub fn advance(&mut self, snapshot: &Snapshot, stage: &mut Stage) -> Estimate {
         match self.track(snapshot) {
             Ok((motion, status)) => stage.estimate(snapshot, motion, status),
             Err(coordinate) => Estimate {

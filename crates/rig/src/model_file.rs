@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use model::estimator::{GaugeCovariance, GaugeModel};
+use model::sensing::{ActualFrame, Compliance};
 use nalgebra::{Matrix6, Vector6};
 use serde::{Deserialize, Serialize};
 
@@ -191,6 +192,21 @@ pub struct FiveParameter {
 pub struct NominalAxes {
     pub k_counts_per_nm: f64,
     pub bias_counts: f64,
+}
+
+impl FiveParameter {
+    /// Compliance vector of these parameters, without pitch: counts/N and counts/Nm in S.
+    pub fn compliance(&self) -> Compliance {
+        ActualFrame {
+            r_counts_per_nm: self.r_counts_per_nm,
+            a_x_rad: self.a_x_rad,
+            a_y_rad: self.a_y_rad,
+            l_x_m: self.l_x_m,
+            l_y_m: self.l_y_m,
+            pitch_m: 0.0,
+        }
+        .compliance()
+    }
 }
 
 impl Components {

@@ -1,0 +1,236 @@
+//! All gauges of an arm from the still samples: noise, compliance, bias, what was seen, and covariance.
+
+use model::estimator::GaugeCovariance;
+use model::sensing::{CHARACTERISTIC_LENGTH_M, Compliance};
+use nalgebra::{Matrix6, Vector6};
+
+use crate::dataset::Dataset;
+use crate::error::Error;
+use crate::noise::NoiseModel;
+use crate::observability::Directions;
+use crate::solve::{self, Estimate, Information, unscaled};
+
+/// Widths assumed of line offset and pitch where too few gauges tell, m.
+const ASSUMED_OFFSET_M: f64 = 0.02;
+const ASSUMED_PITCH_M: f64 = 0.003;
+
+/// One gauge as calibrated.
+#[derive(Clone, Debug)]
+pub struct Gauge {
+    /// Compliance with unseen directions at zero, counts/N and counts/Nm in S.
+    pub compliance: Vector6<f64>,
+    /// Bias of the last session, counts.
+    pub bias_counts: f64,
+    /// Covariance of compliance and bias, the assumed width of unseen directions included.
+    pub covariance: GaugeCovariance,
+    /// The part of it that the data determined.
+    pub seen_covariance: GaugeCovariance,
+    /// Noise of one reading.
+    pub noise: NoiseModel,
+    /// What was seen.
+    pub directions: Directions,
+    /// Width assumed along each unseen direction, counts/N.
+    pub assumed_counts_per_n: Vec<f64>,
+    /// RMS of the residuals of all samples used, counts.
+    pub residual_rms_counts: f64,
+    /// Ordinary least squares on the same samples, for the baselines.
+    pub ordinary: Estimate,
+    /// Sensitivity to the nominal torque alone, by ordinary least squares.
+    pub nominal: Estimate,
+    /// Readings used.
+    pub readings: u64,
+    /// Readings left out as outliers.
+    pub outliers: u64,
+}
+
+/// One gauge after the passes over the data, before gauges are compared.
+struct Pass {
+    information: Information,
+    ordinary: Estimate,
+    nominal: Estimate,
+    noise: NoiseModel,
+}
+
+/// Calibrates every gauge; `names` are for messages.
+pub fn calibrate(dataset: &Dataset, names: &[&str]) -> Result<Vec<Gauge>, Error> {
+    let passes = in_parallel(names.len(), |gauge| pass(dataset, gauge, names[gauge]))
+        .into_iter()
+        .collect::<Result<Vec<Pass>, Error>>()?;
+    let rough: Vec<f64> = passes.iter().map(|p| p.information.smallest(1e-6).scaled.norm()).collect();
+    let typical = median(&rough);
+    let directions: Vec<Directions> = passes
+        .iter()
+        .zip(&rough)
+        .map(|(pass, own)| Directions::new(&pass.information, own.max(typical)))
+        .collect();
+    let widths = Widths::new(&directions);
+    Ok(passes
+        .into_iter()
+        .zip(directions)
+        .enumerate()
+        .map(|(gauge, (pass, directions))| finish(dataset, gauge, pass, directions, &widths))
+        .collect())
+}
+
+/// Ordinary least squares, noise from its residuals, then twice generalised least squares.
+fn pass(dataset: &Dataset, gauge: usize, name: &str) -> Result<Pass, Error> {
+    let first = solve::collect(dataset, gauge, &NoiseModel::white(1.0), None);
+    if first.readings < 16 {
+        let problem = format!(
+            "has {} readings in still windows; check its signal, its saturated flag and its sequence counter",
+            first.readings
+        );
+        return Err(Error::data(format!("sensor \"{name}\""), problem));
+    }
+    const TOLERANCE: f64 = 1e-9;
+    let (ordinary, nominal) = (first.smallest(TOLERANCE), first.nominal());
+    let find_noise = |estimate: &Estimate| {
+        solve::noise(dataset, gauge, estimate).ok_or_else(|| {
+            Error::data(
+                format!("sensor \"{name}\""),
+                "does not change at all: its readings are constant; check the gauge and its signal",
+            )
+        })
+    };
+    let noise = find_noise(&ordinary)?;
+    let second = solve::collect(dataset, gauge, &noise, Some(&ordinary)).smallest(TOLERANCE);
+    let noise = find_noise(&second)?;
+    let information = solve::collect(dataset, gauge, &noise, Some(&second));
+    Ok(Pass { information, ordinary, nominal, noise })
+}
+
+fn finish(dataset: &Dataset, gauge: usize, pass: Pass, directions: Directions, widths: &Widths) -> Gauge {
+    let scaled = directions.seen_compliance();
+    let assumed: Vec<f64> = directions.unseen().map(|d| widths.along(&scaled, &d)).collect();
+    let biases = pass.information.biases(&scaled);
+    let session = biases.iter().rposition(Option::is_some).unwrap_or(0);
+    let mut seen = Matrix6::zeros();
+    for k in (0..6).filter(|k| directions.seen[*k]) {
+        let d = directions.basis.column(k);
+        seen += d * d.transpose() * directions.sigma_counts_per_n[k].powi(2);
+    }
+    let mut whole = seen;
+    for (d, width) in directions.unseen().zip(&assumed) {
+        whole += d * d.transpose() * width.powi(2);
+    }
+    let dependence = pass.information.bias_dependence(session);
+    let estimate = Estimate { scaled, biases: biases.clone() };
+    Gauge {
+        compliance: unscaled(&scaled),
+        bias_counts: biases[session].unwrap_or(0.0),
+        covariance: with_bias(&whole, &dependence),
+        seen_covariance: with_bias(&seen, &dependence),
+        residual_rms_counts: residual_rms(dataset, gauge, &estimate),
+        noise: pass.noise,
+        assumed_counts_per_n: assumed,
+        ordinary: pass.ordinary,
+        nominal: pass.nominal,
+        readings: pass.information.readings,
+        outliers: pass.information.outliers,
+        directions,
+    }
+}
+
+/// Covariance of compliance (unscaled) and bias from that of the scaled compliance.
+fn with_bias(scaled: &Matrix6<f64>, (dependence, own): &(Vector6<f64>, f64)) -> GaugeCovariance {
+    let unit = |k: usize| if k < 3 { 1.0 } else { CHARACTERISTIC_LENGTH_M.recip() };
+    let mut jacobian = nalgebra::SMatrix::<f64, 7, 6>::zeros();
+    for k in 0..6 {
+        jacobian[(k, k)] = unit(k);
+        jacobian[(6, k)] = dependence[k];
+    }
+    let mut covariance = jacobian * scaled * jacobian.transpose();
+    covariance[(6, 6)] += own;
+    (covariance + covariance.transpose()) * 0.5
+}
+
+fn residual_rms(dataset: &Dataset, gauge: usize, estimate: &Estimate) -> f64 {
+    let (mut sum, mut n) = (0.0, 0.0);
+    for window in &dataset.windows {
+        for k in 0..window.times_s.len() {
+            if let Some(r) = estimate.residual(window, gauge, k) {
+                sum += r * r;
+                n += 1.0;
+            }
+        }
+    }
+    f64::sqrt(sum / f64::max(n, 1.0))
+}
+
+/// What the gauges that were seen wholly say about the others of their kind: how large an unseen sensitivity can be.
+struct Widths {
+    scale_counts_per_n: f64,
+    offset_m: f64,
+    pitch_m: f64,
+}
+
+impl Widths {
+    fn new(directions: &[Directions]) -> Self {
+        let whole: Vec<_> = directions
+            .iter()
+            .filter(|d| d.seen.iter().all(|s| *s))
+            .filter_map(|d| Compliance::from_vector(&unscaled(&d.seen_compliance())).actual_frame())
+            .collect();
+        let rms = |values: Vec<f64>, otherwise: f64| {
+            // Fewer than three gauges say little about a fourth.
+            if values.len() < 3 {
+                return otherwise;
+            }
+            (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt().max(2e-4)
+        };
+        let moments = |d: &Directions| d.seen_compliance().fixed_rows::<3>(3).norm();
+        Self {
+            scale_counts_per_n: directions.iter().map(moments).fold(0.0, f64::max),
+            offset_m: rms(whole.iter().map(|f| f.l_x_m.hypot(f.l_y_m)).collect(), ASSUMED_OFFSET_M),
+            pitch_m: rms(whole.iter().map(|f| f.pitch_m).collect(), ASSUMED_PITCH_M),
+        }
+    }
+
+    /// Standard deviation assumed of a gauge's sensitivity along an unseen direction (scaled), counts/N.
+    fn along(&self, seen: &Vector6<f64>, direction: &Vector6<f64>) -> f64 {
+        let moments = seen.fixed_rows::<3>(3);
+        let (scale, axis) = match moments.norm() {
+            0.0 => (self.scale_counts_per_n, nalgebra::Vector3::z()),
+            r => (r, moments / r),
+        };
+        let force = direction.fixed_rows::<3>(0);
+        let along = force.dot(&axis);
+        let across2 = (force.norm_squared() - along * along).max(0.0);
+        // r in counts/Nm is the scaled one over the characteristic length.
+        let per_m = scale.max(self.scale_counts_per_n) / CHARACTERISTIC_LENGTH_M;
+        let by_force = per_m.powi(2) * (along * along * self.pitch_m.powi(2) + across2 * self.offset_m.powi(2));
+        let by_moment = direction.fixed_rows::<3>(3).norm_squared() * self.scale_counts_per_n.powi(2);
+        (by_force + by_moment).sqrt()
+    }
+}
+
+pub(crate) fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Runs `work` for `0..n` on the machine's cores, results in order.
+fn in_parallel<T: Send>(n: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let cores = std::thread::available_parallelism().map_or(1, |c| c.get()).min(n.max(1));
+    let next = std::sync::atomic::AtomicUsize::new(0);
+    let mut results: Vec<(usize, T)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..cores)
+            .map(|_| {
+                scope.spawn(|| {
+                    let take = || next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                    std::iter::repeat_with(take)
+                        .take_while(|k| *k < n)
+                        .map(|k| (k, work(k)))
+                        .collect::<Vec<_>>()
+                })
+            })
+            .collect();
+        workers
+            .into_iter()
+            .flat_map(|w| w.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .collect()
+    });
+    results.sort_by_key(|(k, _)| *k);
+    results.into_iter().map(|(_, result)| result).collect()
+}

@@ -1,0 +1,182 @@
+//! A recording as columns: instants, joint positions, gauge counts.
+
+use can::assembly::{Assembler, AssemblyCounts, Snapshot};
+use can::candump::{Interfaces, LogEvent, LogReader};
+use can::frame::Stamped;
+use rig::run::{Exclude, Loads, Reference};
+use rig::{Rig, Run};
+
+use crate::error::Error;
+
+/// All instants of one recording at which every joint is known, by column, with what acted on the tip.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// What to call it in messages.
+    pub name: String,
+    /// Recordings with the same session share the gauges' zeros.
+    pub session: String,
+    /// Stamp of the log's first frame, ns since the Unix epoch: the zero of the loads' clock.
+    pub start_ns: i64,
+    /// Instants, strictly rising, ns since the Unix epoch.
+    pub at_ns: Vec<i64>,
+    /// Position of each coordinate at each instant: `[coordinate][instant]`, rad.
+    pub positions_rad: Vec<Vec<f64>>,
+    /// Velocity of each coordinate where it is measured: `[coordinate][instant]`, rad/s; empty where it never is.
+    pub velocities_rad_s: Vec<Vec<f64>>,
+    /// Reading of each gauge at each instant: `[gauge][instant]`, counts; `None` where absent.
+    pub counts: Vec<Vec<Option<f64>>>,
+    /// What hung on the tip.
+    pub loads: Loads,
+    /// What is not to be used.
+    pub excludes: Vec<Exclude>,
+    /// Wrench measured or known at the tip beside the loads.
+    pub reference: Option<Reference>,
+    /// What was met on the way.
+    pub met: AssemblyCounts,
+}
+
+impl Recording {
+    /// Reads a run's log. `progress` is told how many bytes of the (compressed) file were read so far.
+    pub fn read(run: &Run, rig: &Rig, mut progress: impl FnMut(u64)) -> Result<Self, Error> {
+        let name = run.dir.display().to_string();
+        let session = run.session.clone().unwrap_or_else(|| name.clone());
+        let mut builder = Builder::new(rig, name, session)?;
+        for_each_frame(run, |frame, bytes| {
+            builder.push(frame);
+            progress(bytes);
+        })?;
+        let mut recording = builder.finish()?;
+        recording.loads = run.loads.clone();
+        recording.excludes = run.excludes.clone();
+        recording.reference = run.reference.clone();
+        let last_ns = recording.at_ns.last().copied().unwrap_or(recording.start_ns);
+        run.check_span((last_ns - recording.start_ns) as f64 * 1e-9)?;
+        Ok(recording)
+    }
+
+    /// Takes in frames from anywhere, e.g. a simulator; loads, excludes and reference are then set by the caller.
+    pub fn from_frames(
+        rig: &Rig,
+        name: &str,
+        frames: impl IntoIterator<Item = Stamped>,
+    ) -> Result<Self, Error> {
+        let mut builder = Builder::new(rig, name.to_owned(), name.to_owned())?;
+        for frame in frames {
+            builder.push(&frame);
+        }
+        builder.finish()
+    }
+
+    /// Number of instants.
+    pub fn len(&self) -> usize {
+        self.at_ns.len()
+    }
+
+    /// Whether there are no instants.
+    pub fn is_empty(&self) -> bool {
+        self.at_ns.is_empty()
+    }
+
+    /// An instant on the loads' clock: s from the log's first frame.
+    pub fn time_s(&self, instant: usize) -> f64 {
+        (self.at_ns[instant] - self.start_ns) as f64 * 1e-9
+    }
+
+    /// Whether a time (s from the log's first frame) is excluded.
+    pub fn is_excluded(&self, t_s: f64) -> bool {
+        self.excludes.iter().any(|e| e.from_s <= t_s && t_s < e.to_s)
+    }
+}
+
+/// Hands every frame of a run's log to `take`, with the number of bytes read so far.
+pub fn for_each_frame(run: &Run, mut take: impl FnMut(&Stamped, u64)) -> Result<(), Error> {
+    let mut reader = LogReader::open(&run.log, Interfaces::fixed(&run.config.bus.interfaces))?;
+    while let Some(event) = reader.next_event()? {
+        if let LogEvent::Frame(frame) = event {
+            take(&frame, reader.bytes());
+        }
+    }
+    let counts = reader.counts();
+    if counts.frames == 0 {
+        let interfaces = run.config.bus.interfaces.join(", ");
+        let problem = format!(
+            "has no frame of {interfaces} in {} lines ({} malformed, {} of other interfaces); give the log that belongs to this configuration",
+            counts.lines, counts.malformed, counts.foreign
+        );
+        return Err(Error::data(run.log.display(), problem));
+    }
+    Ok(())
+}
+
+struct Builder {
+    assembler: Assembler,
+    recording: Recording,
+    started: bool,
+}
+
+impl Builder {
+    fn new(rig: &Rig, name: String, session: String) -> Result<Self, Error> {
+        let (coordinates, gauges) = (rig.chain.coordinates(), rig.sections.len());
+        let recording = Recording {
+            name,
+            session,
+            start_ns: 0,
+            at_ns: Vec::new(),
+            positions_rad: vec![Vec::new(); coordinates],
+            velocities_rad_s: vec![Vec::new(); coordinates],
+            counts: vec![Vec::new(); gauges],
+            loads: Loads::default(),
+            excludes: Vec::new(),
+            reference: None,
+            met: AssemblyCounts::default(),
+        };
+        Ok(Self { assembler: Assembler::new(&rig.layout)?, recording, started: false })
+    }
+
+    fn push(&mut self, frame: &Stamped) {
+        if !self.started {
+            self.recording.start_ns = frame.stamp_ns;
+            self.started = true;
+        }
+        for snapshot in self.assembler.push(frame) {
+            append(&mut self.recording, snapshot);
+        }
+    }
+
+    fn finish(mut self) -> Result<Recording, Error> {
+        self.recording.met = self.assembler.counts();
+        if self.recording.is_empty() {
+            let met = &self.recording.met;
+            let problem = format!(
+                "no instant has a position of every joint ({} frames, {} of no configured message, {} of wrong length); check interface names, the DBC and the [[joint]] signals",
+                met.frames, met.unbound, met.wrong_length
+            );
+            return Err(Error::data(&self.recording.name, problem));
+        }
+        let n = self.recording.len();
+        for velocities in &mut self.recording.velocities_rad_s {
+            if velocities.len() < n {
+                velocities.clear();
+            }
+        }
+        Ok(self.recording)
+    }
+}
+
+/// Adds a snapshot in which every joint was read at its own instant; others are no use for calibration.
+fn append(recording: &mut Recording, snapshot: &Snapshot) {
+    let rising = recording.at_ns.last().is_none_or(|last| snapshot.instant_ns > *last);
+    if !rising || snapshot.joints.iter().any(|joint| joint.position.is_err()) {
+        return;
+    }
+    recording.at_ns.push(snapshot.instant_ns);
+    for (joint, column) in snapshot.joints.iter().zip(&mut recording.positions_rad) {
+        column.extend(joint.position.iter().map(|reading| reading.value));
+    }
+    for (joint, column) in snapshot.joints.iter().zip(&mut recording.velocities_rad_s) {
+        column.extend(joint.velocity.iter().map(|reading| reading.value));
+    }
+    for (gauge, column) in snapshot.gauges.iter().zip(&mut recording.counts) {
+        column.push(gauge.ok().map(|reading| reading.value));
+    }
+}

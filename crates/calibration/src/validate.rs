@@ -1,0 +1,300 @@
+//! Scores a recording's wrench against its truth, beside the two baselines.
+//!
+//! Truth: the reference (zero where none is given) plus weight and inertia of the loads at the tip. The estimate
+//! subtracts the arm and its tool only.
+
+use can::assembly::{Assembler, Snapshot};
+use model::dynamics::Dynamics;
+use model::estimator::Gls;
+use model::motion::{JointMotion, smooth};
+use model::spatial::{Tip, Wrench};
+use nalgebra::Vector6;
+use rig::cycle::{Estimate, MotionTracker, Stage};
+use rig::{ModelFile, Rig, Run, Status};
+use serde::Serialize;
+
+use crate::error::Error;
+use crate::recording::{Recording, for_each_frame};
+use crate::still::still_instants;
+
+/// `wrenchctl validate --json`.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Validation {
+    format: u32,
+    /// Instants at which the arm holds still.
+    pub still: Score,
+    /// All others.
+    pub moving: Score,
+    /// Both.
+    pub all: Score,
+    /// The published five-parameter method on the same instants.
+    pub five_parameter: Baseline,
+    /// No crosstalk correction, on the same instants.
+    pub nominal_axes: Baseline,
+    /// Largest force component of the truth, N.
+    pub full_scale_n: f64,
+    /// Instants without a valid wrench.
+    pub invalid: u64,
+}
+
+/// Scores of a baseline.
+#[derive(Clone, Debug, Default, Serialize)]
+#[allow(missing_docs)]
+pub struct Baseline {
+    pub still: Score,
+    pub moving: Score,
+    pub all: Score,
+}
+
+/// Errors over a set of instants; `None` (null) where there is none.
+#[derive(Clone, Debug, Default, Serialize)]
+#[allow(missing_docs)]
+pub struct Score {
+    pub n: u64,
+    pub force_rms_n: Option<[f64; 3]>,
+    pub force_rms_all_n: Option<f64>,
+    pub torque_rms_nm: Option<[f64; 3]>,
+    pub torque_rms_all_nm: Option<f64>,
+    pub force_rms_percent_fs: Option<f64>,
+    /// Mean squared error over reported variance of each component; null for the baselines, which report none.
+    pub nees: Option<[f64; 6]>,
+}
+
+/// One published instant, for `--csv`.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// s from the log's first frame.
+    pub t_s: f64,
+    /// The estimate.
+    pub estimate: Estimate,
+    /// The truth, about E's origin, in E.
+    pub truth: Wrench<Tip>,
+    /// Whether the arm holds still.
+    pub still: bool,
+}
+
+/// Running sums of one score.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    n: u64,
+    square: [f64; 6],
+    normalised: [f64; 6],
+}
+
+/// Sums over still and moving instants.
+type Split = [Sums; 2];
+
+/// Scores runs; `smoothed` takes the motion from an offline smoother instead of the cycle's causal filter.
+pub fn validate(
+    runs: &[(&Run, Recording)],
+    rig: &Rig,
+    model: &ModelFile,
+    smoothed: bool,
+    mut row: impl FnMut(&Row) -> Result<(), Error>,
+) -> Result<Validation, Error> {
+    let mut sums = [Split::default(); 3];
+    let mut full_scale_n: f64 = 0.0;
+    let mut invalid = 0;
+    for (run, recording) in runs {
+        let mut assembler = Assembler::new(&rig.layout)?;
+        let mut scorer = Scorer::new(rig, model, recording, smoothed);
+        let mut failed = None;
+        for_each_frame(run, |frame, _| {
+            if failed.is_some() {
+                return;
+            }
+            for snapshot in assembler.push(frame) {
+                let (next, baselines) = scorer.instant(snapshot, recording);
+                if !recording.is_excluded(next.t_s) {
+                    full_scale_n = full_scale_n.max(next.truth.force_n.amax());
+                    invalid += u64::from(next.estimate.status.has(Status::INVALID));
+                    score(&mut sums, &next, baselines);
+                }
+                failed = failed.take().or(row(&next).err());
+            }
+        })?;
+        if let Some(error) = failed {
+            return Err(error);
+        }
+    }
+    let scores = |s: &Split, honest: bool| {
+        let both = s[0].plus(&s[1]);
+        [s[0], s[1], both].map(|s| s.score(full_scale_n, honest))
+    };
+    let [still, moving, all] = scores(&sums[0], true);
+    let baseline = |s: &Split| {
+        let [still, moving, all] = scores(s, false);
+        Baseline { still, moving, all }
+    };
+    Ok(Validation {
+        format: 1,
+        still,
+        moving,
+        all,
+        five_parameter: baseline(&sums[1]),
+        nominal_axes: baseline(&sums[2]),
+        full_scale_n,
+        invalid,
+    })
+}
+
+fn score(sums: &mut [Split; 3], row: &Row, baselines: [Option<Vector6<f64>>; 2]) {
+    let class = usize::from(!row.still);
+    let truth = row.truth.to_vector();
+    if let Ok(solution) = &row.estimate.outcome {
+        let variance = solution.covariance.diagonal();
+        sums[0][class].add(&(solution.wrench.to_vector() - truth), Some(&variance));
+    }
+    for (split, found) in sums[1..].iter_mut().zip(baselines) {
+        if let Some(found) = found {
+            split[class].add(&(found - truth), None);
+        }
+    }
+}
+
+impl Sums {
+    fn add(&mut self, error: &Vector6<f64>, variance: Option<&Vector6<f64>>) {
+        self.n += 1;
+        for k in 0..6 {
+            self.square[k] += error[k] * error[k];
+            self.normalised[k] += variance.map_or(0.0, |v| error[k] * error[k] / v[k]);
+        }
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        Self {
+            n: self.n + other.n,
+            square: std::array::from_fn(|k| self.square[k] + other.square[k]),
+            normalised: std::array::from_fn(|k| self.normalised[k] + other.normalised[k]),
+        }
+    }
+
+    fn score(&self, full_scale_n: f64, honest: bool) -> Score {
+        if self.n == 0 {
+            return Score::default();
+        }
+        let n = self.n as f64;
+        let rms = |k: usize| (self.square[k] / n).sqrt();
+        let rms_of_three = |from: usize| {
+            (self.square[from..from + 3].iter().sum::<f64>() / (3.0 * n)).sqrt()
+        };
+        Score {
+            n: self.n,
+            force_rms_n: Some([rms(0), rms(1), rms(2)]),
+            force_rms_all_n: Some(rms_of_three(0)),
+            torque_rms_nm: Some([rms(3), rms(4), rms(5)]),
+            torque_rms_all_nm: Some(rms_of_three(3)),
+            force_rms_percent_fs: (full_scale_n > 0.0).then(|| 100.0 * rms_of_three(0) / full_scale_n),
+            nees: honest.then(|| self.normalised.map(|v| v / n)),
+        }
+    }
+}
+
+/// Everything that turns one run's snapshots into scored rows.
+struct Scorer {
+    tracker: MotionTracker,
+    stage: Stage,
+    truth: Dynamics,
+    baselines: [BaselineEstimator; 2],
+    still: Vec<bool>,
+    /// Motion without lag at each instant of the recording: `[coordinate][instant]`.
+    motion: Vec<Vec<JointMotion>>,
+    smoothed: bool,
+}
+
+impl Scorer {
+    fn new(rig: &Rig, model: &ModelFile, recording: &Recording, smoothed: bool) -> Self {
+        let motion = recording
+            .positions_rad
+            .iter()
+            .enumerate()
+            .map(|(k, q)| smooth(&recording.at_ns, q, model.encoder(k).position_sigma_rad))
+            .collect();
+        let dynamics = Dynamics::new(&rig.chain, &rig.sections);
+        let five = model.sensors.iter().map(|s| {
+            let five = &s.five_parameter;
+            (five.compliance().vector(), five.bias_counts, five.r_counts_per_nm)
+        });
+        let nominal = model.sensors.iter().map(|s| {
+            let k = s.nominal_axes.k_counts_per_nm;
+            (Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, k), s.nominal_axes.bias_counts, k)
+        });
+        Self {
+            tracker: MotionTracker::new(rig, model),
+            stage: Stage::new(rig, model.gauges()),
+            truth: dynamics,
+            baselines: [BaselineEstimator::new(five.collect()), BaselineEstimator::new(nominal.collect())],
+            still: still_instants(&recording.at_ns, &recording.positions_rad),
+            motion,
+            smoothed,
+        }
+    }
+
+    /// The next snapshot of the recording, with the baselines' wrenches.
+    fn instant(&mut self, snapshot: &Snapshot, recording: &Recording) -> (Row, [Option<Vector6<f64>>; 2]) {
+        let index = recording.at_ns.binary_search(&snapshot.instant_ns).ok();
+        let lagless: Option<Vec<JointMotion>> =
+            index.map(|i| self.motion.iter().map(|column| column[i]).collect());
+        let causal = self.tracker.advance(snapshot, &mut self.stage);
+        let estimate = match &lagless {
+            Some(motion) if self.smoothed => self.stage.estimate(snapshot, motion, Status::GOOD),
+            _ => causal,
+        };
+        let t_s = (snapshot.instant_ns - recording.start_ns) as f64 * 1e-9;
+        let truth = truth(&mut self.truth, recording, t_s, lagless.as_deref());
+        let baselines = match estimate.outcome {
+            Ok(_) => {
+                let dynamics = self.stage.estimator().dynamics();
+                self.baselines.each_mut().map(|b| b.estimate(dynamics, snapshot))
+            }
+            Err(_) => [None, None],
+        };
+        let still = index.is_some_and(|i| self.still[i]);
+        (Row { t_s, estimate, truth, still }, baselines)
+    }
+}
+
+fn truth(
+    dynamics: &mut Dynamics,
+    recording: &Recording,
+    t_s: f64,
+    motion: Option<&[JointMotion]>,
+) -> Wrench<Tip> {
+    let reference =
+        recording.reference.as_ref().and_then(|r| r.at(t_s)).unwrap_or_else(Wrench::zero);
+    let body = recording.loads.at(t_s);
+    let Some(motion) = motion.filter(|_| body.mass_kg != 0.0) else { return reference };
+    let part = |f: fn(&JointMotion) -> f64| motion.iter().map(f).collect::<Vec<_>>();
+    dynamics.update(
+        &part(|m| m.position_rad),
+        &part(|m| m.velocity_rad_s),
+        &part(|m| m.acceleration_rad_s2),
+    );
+    reference + dynamics.payload_wrench(&body)
+}
+
+/// `W = (J' J'^T)^-1 J' t'`: unweighted, in Nm about each gauge's own sensing line.
+struct BaselineEstimator {
+    /// Compliance, bias and scale (counts/Nm) of each gauge.
+    gauges: Vec<(Vector6<f64>, f64, f64)>,
+    gls: Gls,
+}
+
+impl BaselineEstimator {
+    fn new(gauges: Vec<(Vector6<f64>, f64, f64)>) -> Self {
+        Self { gls: Gls::new(gauges.len()), gauges }
+    }
+
+    fn estimate(&mut self, dynamics: &Dynamics, snapshot: &Snapshot) -> Option<Vector6<f64>> {
+        self.gls.clear();
+        for (i, (compliance, bias, scale)) in self.gauges.iter().enumerate() {
+            let Ok(reading) = snapshot.gauges[i] else { continue };
+            if *scale == 0.0 {
+                continue;
+            }
+            let torque_nm = (reading.value - bias - compliance.dot(&dynamics.load(i))) / scale;
+            self.gls.push(&(dynamics.row_to_tip(i, compliance) / *scale), torque_nm, 1.0);
+        }
+        Some(self.gls.solve(&[1.0; 6]).ok()?.x)
+    }
+}
