@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 
-use crate::commands::check;
+use crate::commands::{calibrate, check, validate};
 
 /// End-effector wrench from joint torque sensors: calibrate, check, record, replay, simulate
 #[derive(Parser, Debug)]
@@ -23,4 +23,8 @@ pub struct Cli {
 pub enum Command {
     /// Check configuration, URDF, DBC and model against each other; print the planned bus load
     Check(check::Args),
+    /// Find each gauge's actual sensing frame from recordings; write the model
+    Calibrate(calibrate::Args),
+    /// Score the wrench of recordings against their truth
+    Validate(validate::Args),
 }

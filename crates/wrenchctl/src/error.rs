@@ -22,6 +22,9 @@ pub enum Error {
     /// A log, an interface or a file that cannot be written.
     #[error(transparent)]
     Can(#[from] can::Error),
+    /// A calibration or validation without an answer.
+    #[error(transparent)]
+    Calibration(#[from] calibration::Error),
     /// Arguments that do not go together, or ask for what there is not: fact, value, what to do.
     #[error("{0}")]
     Usage(String),
