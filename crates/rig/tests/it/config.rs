@@ -135,8 +135,8 @@ fn an_unknown_key_names_its_line_and_the_nearest() {
 fn a_wrong_type_is_underlined() {
     assert_eq!(
         message(parse(&with(ARM, "rate_hz = 1000.0", "rate_hz = \"fast\""))),
-        "arm.toml:116: invalid type: string \"fast\", expected a number\n    |\n\
-         116 | rate_hz = \"fast\"\n    |           ^^^^^^"
+        "arm.toml:124: invalid type: string \"fast\", expected a number\n    |\n\
+         124 | rate_hz = \"fast\"\n    |           ^^^^^^"
     );
     let bad = |from, to| message(parse(&with(ARM, from, to)));
     assert!(
@@ -245,9 +245,9 @@ fn values_that_cannot_be_are_refused_where_they_stand() {
             "[[sensor]] \"s1\": sequence = \"Strain34.Sequence34\" counts another message than the reading's; name a signal of \"Strain12\"",
         ),
         ("mass = 0.0", "mass = -0.1", "[tool] mass = -0.1 must be a finite number, 0 or more"),
-        ("rate_hz = 1000.0", "rate_hz = 0.0", ":116: [publish] rate_hz = 0 must be a finite number above 0"),
-        ("rate_hz = 1000.0", "rate_hz = nan", ":116: [publish] rate_hz = NaN must be"),
-        ("rate_hz = 1000.0", "rate_hz = 1e6", ":116: [publish] rate_hz = 1000000 is beyond 10000; lower it"),
+        ("rate_hz = 1000.0", "rate_hz = 0.0", ":124: [publish] rate_hz = 0 must be a finite number above 0"),
+        ("rate_hz = 1000.0", "rate_hz = nan", ":124: [publish] rate_hz = NaN must be"),
+        ("rate_hz = 1000.0", "rate_hz = 1e6", ":124: [publish] rate_hz = 1000000 is beyond 10000; lower it"),
         (
             "force_n_per_bit = 0.01",
             "force_n_per_bit = 0",
