@@ -118,7 +118,7 @@ impl Run {
         })
     }
 
-    /// Whether an instant (s from the log's first frame) lies in an [[exclude]].
+    /// Whether an instant (s from the log's first frame) lies in an excluded stretch.
     #[must_use]
     pub fn is_excluded(&self, t_s: f64) -> bool {
         self.excludes.iter().any(|exclude| exclude.from_s <= t_s && t_s < exclude.to_s)

@@ -6,6 +6,8 @@ mod examples;
 mod run;
 mod wire;
 
+#![allow(clippy::unwrap_used)]
+
 extern crate wrenchd_rig as rig;
 
 use std::path::{Path, PathBuf};
