@@ -1,4 +1,5 @@
 //! Against others: signals as cantools decodes them, lines as candump prints them, and a recorded arm
+#![allow(clippy::unwrap_used, clippy::panic)] // a test may
 
 use std::path::{Path, PathBuf};
 
@@ -65,6 +66,24 @@ fn signals_are_what_cantools_says() {
         }
     }
     assert_eq!(seen.len(), signals.len(), "every signal was compared");
+}
+
+#[test]
+fn a_multiplexed_signal_brings_its_selectors() {
+    let dbc = Dbc::read(&data("odd.dbc")).unwrap();
+    let deep = dbc.signal("Nested.Deep").unwrap();
+    let mut payload = [0; 64];
+    deep.insert(&mut payload[..8], -2.0).unwrap();
+    assert_eq!(payload[..4], [1, 2, 0xFE, 0xFF]);
+    payload[1] = 6;
+    assert_eq!(deep.decode(&payload), Some(-2.0));
+    payload[1] = 8;
+    assert_eq!(deep.decode(&payload), None, "the inner selector has another page");
+    payload[..2].copy_from_slice(&[2, 2]);
+    assert_eq!(deep.decode(&payload), None, "the outer selector has another page");
+    assert_eq!(dbc.message("Mixed").unwrap().cycle_ms, Some(20.0));
+    let limited = dbc.signal("Mixed.Limited").unwrap();
+    assert_eq!((limited.min, limited.max, limited.unit.as_str()), (Some(0.0), Some(50.0), "degC"));
 }
 
 #[test]

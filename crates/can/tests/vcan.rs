@@ -1,6 +1,7 @@
 //! The socket source and sender on a real interface: needs `vcan0` and `vcan1` (mtu 72, up) and the right to delete links
 //!
 //! `cargo test -p wrenchd-can --test vcan -- --ignored --test-threads 1`; whole-program tests run on their own machine.
+#![allow(clippy::unwrap_used, clippy::panic)] // a test may
 #![cfg(target_os = "linux")]
 
 use std::process::Command;

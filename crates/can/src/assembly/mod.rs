@@ -4,6 +4,7 @@
 //! when a frame comes that by the learned rhythm belongs to the next cycle of the boards. Counters, duplicates,
 //! overtaken frames, wrong lengths and steps of the clock are dealt with before a frame counts as an arrival.
 
+mod accept;
 mod close;
 mod layout;
 mod rounds;
@@ -14,14 +15,11 @@ mod tests;
 use crate::decode::{DecodeTable, Outcome, Value};
 use crate::error::Result;
 use crate::frame::{MAX_LEN, Stamped};
-use crate::sequence::{Sequence, SequenceCounts, Step};
+use crate::sequence::{Sequence, SequenceCounts};
 use layout::{Compiled, GaugeSlots, Role};
 pub use layout::{GaugeBinding, JointBinding, Layout, SignalBinding};
 use rounds::{Rhythm, Stream};
 pub use snapshot::{Absence, JointReading, Reading, Signal, Snapshot};
-
-/// Stamps that differ by more than this from the latest are a step of the clock, or a silent bus
-const STEP_NS: i64 = 1_000_000_000;
 
 /// What the assembler met since the start
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -169,89 +167,6 @@ impl Assembler {
         &self.out[..self.ready]
     }
 
-    /// Whether a frame is news: stamps, counters, duplicates
-    fn accept(&mut self, message: usize, stamped: &Stamped) -> bool {
-        let stamp_ns = stamped.stamp_ns;
-        self.follow_clock(stamp_ns);
-        let duplicate_ns = self.rhythm.duplicate_ns();
-        let previous = &mut self.previous[message];
-        if previous.stamp_ns.is_some_and(|last| stamp_ns < last) {
-            self.counts.late += 1;
-            return false;
-        }
-        let mut counted = false;
-        let (mut repeated, mut behind) = (false, false);
-        for value in &self.pending {
-            if let Role::Sequence(number) = self.compiled.roles[usize::from(value.slot)] {
-                counted = true;
-                match self.sequences[usize::from(number)].observe(value.raw) {
-                    Step::Repeated => repeated = true,
-                    Step::Behind => behind = true,
-                    Step::First | Step::Next | Step::Gap(_) | Step::Jump => {}
-                }
-            }
-        }
-        if repeated {
-            self.counts.repeated += 1;
-            self.mark_repeated();
-            return false;
-        }
-        if behind {
-            self.counts.late += 1;
-            return false;
-        }
-        let data = stamped.frame.padded();
-        let soon = previous.stamp_ns.is_some_and(|last| stamp_ns - last < duplicate_ns || stamp_ns == last);
-        if !counted && soon && previous.data == *data {
-            self.counts.duplicates += 1;
-            return false;
-        }
-        previous.stamp_ns = Some(stamp_ns);
-        previous.data = *data;
-        true
-    }
-
-    fn mark_repeated(&mut self) {
-        for value in &self.pending {
-            if let Role::Streamed(stream) = self.compiled.roles[usize::from(value.slot)] {
-                self.streams[usize::from(stream)].repeat(self.round);
-            }
-        }
-    }
-
-    /// After a step of the stamps the rounds begin anew; ages are kept across a step back
-    fn follow_clock(&mut self, stamp_ns: i64) {
-        let step_ns = self.latest_ns.map_or(0, |latest| stamp_ns.saturating_sub(latest));
-        if step_ns.abs() <= STEP_NS {
-            self.latest_ns = Some(self.latest_ns.map_or(stamp_ns, |latest| latest.max(stamp_ns)));
-            return;
-        }
-        if step_ns < 0 {
-            self.counts.steps_back += 1;
-            for held in &mut self.held {
-                held.at_ns = held.at_ns.saturating_add(step_ns);
-                held.stamp_ns = held.stamp_ns.saturating_add(step_ns);
-            }
-        } else {
-            self.counts.steps_forward += 1;
-        }
-        self.latest_ns = Some(stamp_ns);
-        self.rhythm.lose_origin();
-        for previous in &mut self.previous {
-            previous.stamp_ns = None;
-        }
-        for stream in &mut self.streams {
-            stream.forget_stamp();
-        }
-        if self.open {
-            self.open = false;
-            self.counts.discarded_rounds += 1;
-            for stream in &mut self.streams {
-                stream.end_round(self.round);
-            }
-        }
-    }
-
     /// Puts an accepted frame's values into the round they belong to
     fn take(&mut self, stamp_ns: i64) {
         let mut first = None;
@@ -270,19 +185,18 @@ impl Assembler {
         };
         let round = if self.open && !again { self.round } else { self.round + 1 };
         self.rhythm.observe_interval(&self.streams[first], round, stamp_ns);
-        if !self.open {
-            if self.rhythm.fresh {
-                self.discard |= self.rhythm.realign(&mut self.streams);
-            }
-            let stream = &self.streams[first];
-            if self.round > 0
-                && stream.last_round != Some(self.round)
-                && self.rhythm.is_of_last(stream, stamp_ns)
-            {
-                self.take_after_round(stamp_ns);
-                return;
-            }
-        } else if again || self.rhythm.is_later(&self.streams[first], stamp_ns) {
+        if !self.open && self.rhythm.fresh {
+            self.discard |= self.rhythm.realign(&mut self.streams);
+        }
+        let ahead = self.rhythm.cycles_ahead(&self.streams[first], stamp_ns);
+        let ended = if self.open { self.round.saturating_sub(1) } else { self.round };
+        let behind = ahead.map_or(0, |ahead| if self.open { -ahead } else { 1 - ahead });
+        if behind > 0 && ended > 0 && self.streams[first].last_round.is_none_or(|last| last < ended) {
+            self.take_after_round(ended, behind == 1, stamp_ns);
+            return;
+        }
+        if self.open && (again || ahead.is_some_and(|ahead| ahead > 0)) {
+            self.rhythm.ended(!again, &mut self.streams);
             self.close();
         }
         if !self.open {
@@ -300,18 +214,25 @@ impl Assembler {
         self.last_stamp_ns = self.last_stamp_ns.max(stamp_ns);
         self.commit(stamp_ns);
         if self.every_due_arrived() {
+            self.rhythm.ended(false, &mut self.streams);
             self.close();
         }
     }
 
-    /// A frame whose round has ended: its values are held as of that round
-    fn take_after_round(&mut self, stamp_ns: i64) {
+    /// A frame whose round has ended: its values are held as of that round if it was the last, else forgotten
+    fn take_after_round(&mut self, ended: u64, last: bool, stamp_ns: i64) {
         self.counts.after_round += 1;
-        self.commit(stamp_ns);
+        if last {
+            self.commit(stamp_ns);
+        }
         for number in 0..self.streams.len() {
             let stream = &mut self.streams[number];
-            if std::mem::take(&mut stream.hit) {
-                stream.arrive(self.round, stamp_ns);
+            if !std::mem::take(&mut stream.hit) {
+                continue;
+            }
+            stream.fell_behind();
+            if last {
+                stream.arrive(ended, stamp_ns);
                 self.stamp_readings(number, self.last_instant_ns);
             }
         }

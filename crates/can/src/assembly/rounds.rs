@@ -6,6 +6,8 @@ use super::Absence;
 const MAX_USUAL: u64 = 16;
 /// After so many missed dues a message is not waited for until it returns
 const MAX_MISSED: u8 = 3;
+/// After so many contradictions in a row a learned phase is given up: boards whose clocks drift past each other
+const MAX_IN_A_ROW: u8 = 3;
 
 /// Arrivals of one message (of one multiplexer page of it)
 #[derive(Clone, Debug)]
@@ -29,6 +31,8 @@ pub(super) struct Stream {
     stamp_ns: Option<i64>,
     /// Usual stamp minus its round's origin
     phase_ns: Option<i64>,
+    /// Arrivals in a row that by the phase were for a round that had ended
+    behind: u8,
 }
 
 impl Stream {
@@ -46,6 +50,7 @@ impl Stream {
             hit: false,
             stamp_ns: None,
             phase_ns: None,
+            behind: 0,
         }
     }
 
@@ -108,6 +113,15 @@ impl Stream {
         missed
     }
 
+    /// An arrival behind its round; always behind means that the phase is wrong
+    pub(super) fn fell_behind(&mut self) {
+        self.behind += 1;
+        if self.behind >= MAX_IN_A_ROW {
+            self.behind = 0;
+            self.phase_ns = None;
+        }
+    }
+
     pub(super) fn forget_stamp(&mut self) {
         self.stamp_ns = None;
     }
@@ -130,6 +144,8 @@ pub(super) struct Rhythm {
     last_ns: i64,
     largest_gap_ns: i64,
     frames: u32,
+    /// Rounds in a row that only the rhythm ended
+    cuts: u8,
 }
 
 impl Rhythm {
@@ -163,20 +179,21 @@ impl Rhythm {
         }
     }
 
-    /// Time from where the frame was expected in the current (last) round, and half a period; `None`: cannot tell
-    fn offset(&self, stream: &Stream, stamp_ns: i64) -> Option<(f64, f64)> {
+    /// Cycles from the round that is open (else the last one) to the one that a frame belongs to; `None`: cannot tell
+    pub(super) fn cycles_ahead(&self, stream: &Stream, stamp_ns: i64) -> Option<i64> {
         let period = self.period_if_steady()?;
-        Some(((stamp_ns - stream.phase_ns? - self.origin_ns?) as f64, period / 2.0))
+        let offset = stamp_ns - stream.phase_ns? - self.origin_ns?;
+        Some((offset as f64 / period).round() as i64)
     }
 
-    /// Whether a frame belongs to a later cycle than the round that is open
-    pub(super) fn is_later(&self, stream: &Stream, stamp_ns: i64) -> bool {
-        self.offset(stream, stamp_ns).is_some_and(|(offset, half)| offset > half)
-    }
-
-    /// Whether a frame belongs to the round that was closed last
-    pub(super) fn is_of_last(&self, stream: &Stream, stamp_ns: i64) -> bool {
-        self.offset(stream, stamp_ns).is_some_and(|(offset, half)| offset < half)
+    /// The round was ended by the rhythm alone, or not; always means that the phases are wrong
+    pub(super) fn ended(&mut self, by_rhythm: bool, streams: &mut [Stream]) {
+        self.cuts = if by_rhythm { self.cuts + 1 } else { 0 };
+        if self.cuts > MAX_IN_A_ROW {
+            self.cuts = 0;
+            self.origin_ns = None;
+            streams.iter_mut().for_each(|stream| stream.phase_ns = None);
+        }
     }
 
     /// A round begins with this frame
@@ -193,6 +210,7 @@ impl Rhythm {
         self.frames += 1;
         self.largest_gap_ns = self.largest_gap_ns.max(stamp_ns - self.last_ns);
         self.last_ns = self.last_ns.max(stamp_ns);
+        stream.behind = 0;
         let Some(origin) = self.origin_ns else { return };
         let place = stamp_ns - origin;
         match &mut stream.phase_ns {

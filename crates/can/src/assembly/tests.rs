@@ -214,11 +214,11 @@ fn a_dead_board_is_not_waited_for_and_comes_back() {
         let k = k as i64;
         let [g1, g2, j1, j2] = cycles_of(snapshot);
         assert_eq!((g1, j1, j2), (Some(k), Some(k), Some(k)));
-        if k >= 9 && k < 15 {
+        if (9..15).contains(&k) {
             assert_eq!(snapshot.last_stamp_ns, START + 8 * MS * k + 2 * MS / 5, "no waiting in cycle {k}");
             assert_eq!(snapshot.gauges[1], Err(Absence::Stale));
         }
-        if k < 5 || k > 15 {
+        if !(5..=15).contains(&k) {
             assert_eq!(g2, Some(k));
         }
     }
@@ -256,6 +256,18 @@ fn reordering_across_rounds_costs_at_most_what_came_too_late() {
     assert_eq!(assembler.counts().late, 1);
     assert_eq!(all.len(), 12);
     assert_eq!(cycles_of(&all[5]), [None, Some(5), Some(5), Some(5)]);
+    assert!(all.iter().enumerate().all(|(k, s)| k == 5 || cycles_of(s) == [Some(k as i64); 4]));
+}
+
+#[test]
+fn a_frame_behind_the_next_cycles_first_is_not_taken_for_that_cycle() {
+    let mut frames: Vec<_> = (0..12).flat_map(cycle).collect();
+    let overtaken = frames.remove(4 * 5 + 3); // G2 of cycle 5, comes after J1 of cycle 6
+    frames.insert(4 * 6, overtaken);
+    let (all, assembler) = run(frames);
+    assert_eq!(assembler.counts().after_round, 1);
+    assert_eq!(all.len(), 12);
+    assert_eq!(cycles_of(&all[5]), [Some(5), None, Some(5), Some(5)]);
     assert!(all.iter().enumerate().all(|(k, s)| k == 5 || cycles_of(s) == [Some(k as i64); 4]));
 }
 
@@ -340,4 +352,31 @@ fn bursts_of_an_adapter_do_not_tear_rounds_apart() {
     let (all, assembler) = run(frames);
     let whole = all.iter().filter(|s| s.complete).count();
     assert!(whole >= 54, "{whole} of {} {:?}", all.len(), assembler.counts());
+}
+
+#[test]
+fn boards_whose_clocks_drift_past_each_other_keep_being_read() {
+    // G2's board runs 1 % slower, then 1 % faster: it drifts through a whole cycle every 100.
+    for drift_ns in [MS * 8 / 100, -MS * 8 / 100] {
+        let mut frames: Vec<_> = (0..500).flat_map(cycle).collect();
+        for frame in frames.iter_mut().filter(|f| f.frame.id().number() == 0x102) {
+            frame.stamp_ns += (frame.stamp_ns - START) / (8 * MS) * drift_ns;
+        }
+        frames.sort_by_key(|frame| frame.stamp_ns);
+        let last_ns = START + 8 * MS * 500;
+        let (all, assembler) = run(frames.into_iter().filter(|f| f.stamp_ns < last_ns));
+        let whole = all.iter().filter(|s| s.complete).count();
+        assert!(whole >= 450, "{drift_ns}: {whole} of {} {:?}", all.len(), assembler.counts());
+    }
+}
+
+#[test]
+fn a_start_that_teaches_a_wrong_phase_is_unlearned() {
+    // Only J1 of cycle 0, then nothing until J2 of cycle 1: J2 seems to come a whole cycle later than it does.
+    let frames =
+        (0..60).flat_map(cycle).enumerate().filter(|(n, _)| !(1..5).contains(n)).map(|(_, frame)| frame);
+    let (all, assembler) = run(frames);
+    for (snapshot, k) in all.iter().rev().zip((0..60).rev()).take(40) {
+        assert_eq!(cycles_of(snapshot), [Some(k); 4], "{:?}", assembler.counts());
+    }
 }
