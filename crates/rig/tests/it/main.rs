@@ -1,12 +1,12 @@
 //! Configuration, binding and run directories: what is read, and what each bad input is told.
 
+#![allow(clippy::unwrap_used)]
+
 mod binding;
 mod config;
 mod examples;
 mod run;
 mod wire;
-
-#![allow(clippy::unwrap_used)]
 
 extern crate wrenchd_rig as rig;
 
