@@ -1,0 +1,74 @@
+//! The arm in motion under its loads: what every section feels at an instant, and the true wrench at the tip.
+
+use model::dynamics::Dynamics;
+use model::spatial::{Tip, Wrench};
+use nalgebra::Vector6;
+use rig::Rig;
+use rig::run::Loads;
+
+use crate::motion::{JointState, Trajectory};
+use crate::push::Push;
+use crate::scenario::Scenario;
+
+/// The rigid arm of a configuration on its way, with what hangs on its tip and what pushes it.
+///
+/// The loads are exact: positions, velocities and accelerations come from the trajectory's own formula.
+#[derive(Clone, Debug)]
+pub struct Mechanics {
+    dynamics: Dynamics,
+    trajectory: Trajectory,
+    loads: Loads,
+    push: Push,
+    state: JointState,
+    tip: Wrench<Tip>,
+}
+
+impl Mechanics {
+    /// The arm of a configuration in a scenario, at its beginning (t = 0 s).
+    #[must_use]
+    pub fn new(rig: &Rig, scenario: &Scenario) -> Self {
+        let mut mechanics = Self {
+            dynamics: Dynamics::new(&rig.chain, &rig.sections),
+            trajectory: scenario.trajectory.clone(),
+            loads: Loads::new(scenario.loads.clone()),
+            push: scenario.push.clone(),
+            state: JointState::at_rest(rig.chain.coordinates()),
+            tip: Wrench::zero(),
+        };
+        mechanics.update(0.0);
+        mechanics
+    }
+
+    /// Goes to an instant (s since the beginning).
+    pub fn update(&mut self, t_s: f64) {
+        self.trajectory.at(t_s, &mut self.state);
+        let state = &self.state;
+        self.dynamics.update(&state.positions_rad, &state.velocities_rad_s, &state.accelerations_rad_s2);
+        self.tip = self.dynamics.payload_wrench(&self.loads.at(t_s)) + self.push.at(t_s);
+    }
+
+    /// Motion of the joints at the instant (rad, rad/s, rad/s^2).
+    #[must_use]
+    pub fn state(&self) -> &JointState {
+        &self.state
+    }
+
+    /// Load of a section at the instant (N, Nm about S, in S): the arm's own weight and inertia, and what acts on the tip.
+    #[must_use]
+    pub fn load(&self, section: usize) -> Vector6<f64> {
+        self.dynamics.load(section) + self.dynamics.load_of_tip_wrench(section, &self.tip).to_vector()
+    }
+
+    /// What the environment applies to the end-effector at the instant (N, Nm about E's origin, in E): pushes, and weight
+    /// and inertia of the loads. Configured tools are part of the arm.
+    #[must_use]
+    pub fn tip_wrench(&self) -> Wrench<Tip> {
+        self.tip
+    }
+
+    /// What the loads leave for a reference sensor to measure at an instant (s): N, Nm about E's origin, in E.
+    #[must_use]
+    pub fn pushed(&self, t_s: f64) -> Wrench<Tip> {
+        self.push.at(t_s)
+    }
+}
