@@ -1,0 +1,194 @@
+//! The daemon's cycle without clock, socket or thread: frames and time in, published records out.
+//!
+//! The daemon and the in-process demo run this same engine; only where frames and time come from differs.
+//!
+//! ```text
+//! every frame, in order ........ Engine::push(frame, now, out)    event mode: publishes each estimate as it completes
+//! the grid, or when due ........ Engine::tick(now, out)           fixed mode: publishes the newest estimate with its age
+//!                                                                 event mode: says so when the bus is silent
+//! the end ...................... Engine::stop(now, out)           one last invalid record
+//! ```
+//!
+//! ```no_run
+//! # fn demo(robot: &rig::Rig, stored: &rig::ModelFile, frames: &[can::frame::Stamped]) -> Result<(), rig::RigError> {
+//! use wrenchd::engine::{Engine, Now};
+//!
+//! let mut engine = Engine::new(robot, stored)?;
+//! for frame in frames {
+//!     let now = Now::simulated(frame.stamp_ns);
+//!     engine.push(frame, now, |record| println!("{:?}", record.outcome));
+//!     engine.tick(now, |record| println!("{:?}", record.outcome));
+//! }
+//! # Ok(())
+//! # }
+//! ```
+
+use can::frame::Stamped;
+use rig::config::PublishMode;
+use rig::cycle::{Cycle, Estimate};
+use rig::{ModelFile, Rig, RigError, Status};
+
+use crate::published::{Published, Why};
+
+/// In event mode a silent bus is told once as soon as it counts as silent, and then this often, ns.
+pub const SILENCE_PERIOD_NS: i64 = 100_000_000;
+
+/// The time, on both clocks at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Now {
+    /// `CLOCK_REALTIME`, the clock of the stamps, ns since the Unix epoch; it may step.
+    pub realtime_ns: i64,
+    /// `CLOCK_MONOTONIC`, ns; durations are measured on it.
+    pub monotonic_ns: i64,
+}
+
+impl Now {
+    /// Both clocks at the same time: for simulated time, which never steps.
+    pub const fn simulated(time_ns: i64) -> Self {
+        Self { realtime_ns: time_ns, monotonic_ns: time_ns }
+    }
+}
+
+/// An estimate as it arrived.
+#[derive(Clone, Debug)]
+struct Newest {
+    estimate: Estimate,
+    /// From its instant to its arrival here, ns.
+    age_ns: i64,
+    /// When it arrived, on the monotonic clock, ns.
+    arrived_ns: i64,
+}
+
+/// From frames to published records. Allocates at construction only; bounded work per call.
+#[derive(Debug)]
+pub struct Engine {
+    cycle: Cycle,
+    mode: PublishMode,
+    stale_after_ns: i64,
+    sequence: u64,
+    newest: Option<Newest>,
+    /// Event mode: when silence is to be told next, on the monotonic clock, ns.
+    silence_due_ns: Option<i64>,
+}
+
+impl Engine {
+    /// For a robot with its calibrated model.
+    pub fn new(rig: &Rig, model: &ModelFile) -> Result<Self, RigError> {
+        Ok(Self {
+            cycle: Cycle::new(rig, model)?,
+            mode: rig.config.publish.mode,
+            stale_after_ns: rig.layout.stale_after_ns,
+            sequence: 0,
+            newest: None,
+            silence_due_ns: None,
+        })
+    }
+
+    /// Counts on from where another engine ended, so that receivers see no jump when one takes over.
+    pub fn continue_from(&mut self, other: &Self) {
+        self.sequence = other.sequence;
+    }
+
+    /// Whether each estimate is published as it completes, or a grid publishes the newest.
+    pub fn mode(&self) -> PublishMode {
+        self.mode
+    }
+
+    /// The cycle, with what its assembler met.
+    pub fn cycle(&self) -> &Cycle {
+        &self.cycle
+    }
+
+    /// Takes the next frame, in the order received. In event mode each estimate that it completes is published.
+    pub fn push(&mut self, frame: &Stamped, now: Now, mut out: impl FnMut(&Published)) {
+        let Self { cycle, mode, stale_after_ns, sequence, newest, silence_due_ns } = self;
+        cycle.push(frame, |estimate| {
+            let arrived = Newest {
+                estimate: estimate.clone(),
+                age_ns: (now.realtime_ns - estimate.instant_ns).max(0),
+                arrived_ns: now.monotonic_ns,
+            };
+            if *mode == PublishMode::Event {
+                out(&record(next(sequence), &arrived, now));
+                *silence_due_ns = Some(now.monotonic_ns + *stale_after_ns);
+            }
+            *newest = Some(arrived);
+        });
+    }
+
+    /// Lets time pass. In fixed mode publishes one record: the newest estimate with its age, or invalid where there is
+    /// none or it is stale. In event mode publishes only where silence has to be told.
+    pub fn tick(&mut self, now: Now, mut out: impl FnMut(&Published)) {
+        match self.mode {
+            PublishMode::Fixed => {
+                let number = next(&mut self.sequence);
+                out(&match &self.newest {
+                    None => self.nothing(number, Why::NothingYet, now),
+                    Some(newest) if age_ns(newest, now) > self.stale_after_ns => {
+                        self.nothing(number, Why::Stale, now)
+                    }
+                    Some(newest) => record(number, newest, now),
+                });
+            }
+            PublishMode::Event => {
+                let due_ns = *self.silence_due_ns.get_or_insert(now.monotonic_ns + self.stale_after_ns);
+                if now.monotonic_ns >= due_ns {
+                    self.silence_due_ns = Some(now.monotonic_ns + SILENCE_PERIOD_NS);
+                    let why = if self.newest.is_some() { Why::Stale } else { Why::NothingYet };
+                    let number = next(&mut self.sequence);
+                    out(&self.nothing(number, why, now));
+                }
+            }
+        }
+    }
+
+    /// Event mode: when [`Engine::tick`] has something to do if no frame comes, on the monotonic clock, ns.
+    pub fn due_ns(&self) -> Option<i64> {
+        if self.mode == PublishMode::Event { self.silence_due_ns } else { None }
+    }
+
+    /// Publishes the last record: invalid, nothing follows.
+    pub fn stop(&mut self, now: Now, mut out: impl FnMut(&Published)) {
+        let number = next(&mut self.sequence);
+        out(&self.nothing(number, Why::Stopping, now));
+    }
+
+    fn nothing(&self, sequence: u64, why: Why, now: Now) -> Published {
+        let newest = self.newest.as_ref();
+        Published {
+            sequence,
+            instant_ns: newest.map_or(0, |newest| newest.estimate.instant_ns),
+            last_stamp_ns: newest.map_or(0, |newest| newest.estimate.last_stamp_ns),
+            published_ns: now.realtime_ns,
+            age_ns: newest.map_or(0, |newest| age_ns(newest, now)),
+            round: newest.map_or(0, |newest| newest.estimate.round),
+            status: Status::INVALID.with(Status::STALE),
+            outcome: Err(why),
+        }
+    }
+}
+
+fn next(sequence: &mut u64) -> u64 {
+    let number = *sequence;
+    *sequence = sequence.wrapping_add(1);
+    number
+}
+
+/// Age of an estimate: as it arrived, by the stamps' clock, and since then by the clock that does not step.
+fn age_ns(newest: &Newest, now: Now) -> i64 {
+    newest.age_ns + (now.monotonic_ns - newest.arrived_ns)
+}
+
+fn record(sequence: u64, newest: &Newest, now: Now) -> Published {
+    let estimate = &newest.estimate;
+    Published {
+        sequence,
+        instant_ns: estimate.instant_ns,
+        last_stamp_ns: estimate.last_stamp_ns,
+        published_ns: now.realtime_ns,
+        age_ns: age_ns(newest, now),
+        round: estimate.round,
+        status: estimate.status,
+        outcome: estimate.outcome.map_err(Why::Refused),
+    }
+}

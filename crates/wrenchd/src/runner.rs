@@ -1,0 +1,121 @@
+//! The real-time thread: turns a station until it is told to stop.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+
+use can::source::{Poll, Source};
+
+use crate::engine::Engine;
+use crate::output::Output;
+use crate::realtime::{self, SystemClock};
+use crate::station::Station;
+
+/// Stack of the thread: some ten times what a turn uses, small enough to be locked.
+const STACK_BYTES: usize = 512 * 1024;
+
+/// Source of a daemon's cycle.
+pub type BoxedSource = Box<dyn Source + Send>;
+
+/// What a reload replaces.
+pub struct Replacement {
+    /// The engine of the new configuration and model.
+    pub engine: Engine,
+    /// Rate of the grid in fixed mode, Hz.
+    pub rate_hz: f64,
+    /// The outputs of the new configuration.
+    pub outputs: Vec<Box<dyn Output>>,
+    /// The source, where the interfaces changed.
+    pub source: Option<BoxedSource>,
+}
+
+/// A running cycle, seen from the main thread.
+pub struct Runner {
+    thread: JoinHandle<can::Result<()>>,
+    stop: Arc<AtomicBool>,
+    offers: SyncSender<Box<Replacement>>,
+    retired: Receiver<Box<Replacement>>,
+}
+
+impl Runner {
+    /// Starts the thread, and returns once it has asked for its priority; with what it was refused, if anything.
+    pub fn start(station: Station<BoxedSource>) -> std::io::Result<(Self, Option<String>)> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let (offers, offered) = sync_channel(1);
+        let (retire, retired) = sync_channel(1);
+        let (tell, told) = sync_channel(1);
+        let stopped = stop.clone();
+        let builder = std::thread::Builder::new().name("cycle".into()).stack_size(STACK_BYTES);
+        let thread = builder.spawn(move || {
+            // The receiver waits for exactly this message.
+            let _ = tell.send(realtime::first_in_first_out().err());
+            run(station, &stopped, &offered, &retire)
+        })?;
+        let refused = told.recv().unwrap_or(None);
+        Ok((Self { thread, stop, offers, retired }, refused))
+    }
+
+    /// Whether the thread has ended by itself, which it does on an error of the source only.
+    pub fn has_ended(&self) -> bool {
+        self.thread.is_finished()
+    }
+
+    /// Hands a replacement to the cycle, which takes it before its next turn; false if one is still waiting, or the cycle
+    /// has ended.
+    pub fn offer(&self, replacement: Box<Replacement>) -> bool {
+        self.free_retired();
+        self.offers.try_send(replacement).is_ok()
+    }
+
+    /// Frees what the cycle has put down.
+    pub fn free_retired(&self) -> bool {
+        self.retired.try_recv().is_ok()
+    }
+
+    /// Stops the cycle after a last record, and waits for its end.
+    pub fn stop(self) -> can::Result<()> {
+        self.stop.store(true, Ordering::Release);
+        self.thread.join().unwrap_or_else(|_| {
+            let source = std::io::Error::other("its thread ended unexpectedly; please report this");
+            Err(can::Error::Socket { interface: "cycle".into(), what: "running", source, hint: None })
+        })
+    }
+}
+
+/// The loop itself.
+fn run(
+    mut station: Station<BoxedSource>,
+    stop: &AtomicBool,
+    offered: &Receiver<Box<Replacement>>,
+    retire: &SyncSender<Box<Replacement>>,
+) -> can::Result<()> {
+    let clock = SystemClock;
+    while !stop.load(Ordering::Acquire) {
+        if let Ok(replacement) = offered.try_recv() {
+            exchange(&mut station, replacement, retire);
+        }
+        if station.turn(&clock)? == Poll::End {
+            break;
+        }
+    }
+    station.stop(&clock);
+    Ok(())
+}
+
+fn exchange(
+    station: &mut Station<BoxedSource>,
+    mut replacement: Box<Replacement>,
+    retire: &SyncSender<Box<Replacement>>,
+) {
+    let Replacement { engine, rate_hz, outputs, source } = &mut *replacement;
+    station.exchange(engine, *rate_hz, outputs);
+    if let Some(source) = source {
+        std::mem::swap(&mut station.source, source);
+    }
+    // There is room: the main thread empties this queue before each offer. If not, the old parts are leaked rather than
+    // freed here.
+    if let Err(TrySendError::Full(old) | TrySendError::Disconnected(old)) = retire.try_send(replacement) {
+        std::mem::forget(old);
+    }
+}

@@ -1,0 +1,70 @@
+//! The daemon as a service: started from files, supervised by signals and the service manager.
+
+pub mod load;
+pub mod log;
+mod notify;
+mod supervise;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use crate::feed::feed;
+use crate::health::Health;
+use crate::realtime;
+use crate::recorder::{QUEUE_EVENTS, Recorder};
+use crate::runner::{BoxedSource, Runner};
+use crate::station::{Sinks, Station};
+use load::{Loaded, StartError};
+use supervise::Supervisor;
+
+/// Records kept for readers outside the cycle: one second at the usual rate.
+const FEED_RECORDS: usize = 1024;
+
+/// What the command line gives.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// The configuration file.
+    pub config: PathBuf,
+    /// The model, where it is not the configuration's.
+    pub model: Option<PathBuf>,
+    /// Where to record everything received.
+    pub record: Option<PathBuf>,
+}
+
+/// Runs the daemon until it is told to stop: 0; 1 if it failed on the way. What keeps it from starting is an error.
+pub fn run(options: &Options) -> Result<ExitCode, StartError> {
+    let loaded = Loaded::load(options)?;
+    for warning in &loaded.rig.warnings {
+        tracing::warn!("{warning}");
+    }
+    for line in crate::output::not_served(&loaded.rig.config) {
+        tracing::warn!("{line}");
+    }
+    let outputs = crate::output::open(&loaded.rig.config)?;
+    let (source, receive_buffer) = loaded.open_source(options.record.is_some())?;
+    let (source, recorder): (BoxedSource, _) = match &options.record {
+        Some(path) => {
+            let (tapped, copies) = can::tap::tap(source, QUEUE_EVENTS);
+            let interfaces = &loaded.rig.config.bus.interfaces;
+            (Box::new(tapped), Some(Recorder::start(path, interfaces, copies, &loaded.remark())?))
+        }
+        None => (Box::new(source), None),
+    };
+    // Held to the end.
+    let rights = (realtime::no_deep_sleep(), realtime::lock_memory());
+    for refused in [rights.0.as_ref().err(), rights.1.as_ref().err()].into_iter().flatten() {
+        tracing::warn!("{refused}");
+    }
+    let health = std::sync::Arc::new(Health::default());
+    let (writer, feed) = feed(FEED_RECORDS);
+    let sinks = Sinks::new(outputs, writer, health.clone());
+    let engine = loaded.engine()?;
+    let station = Station::new(source, engine, loaded.rig.config.publish.rate_hz, sinks);
+    loaded.announce(receive_buffer);
+    let reader = feed.reader();
+    let (runner, refused) = Runner::start(station).map_err(StartError::Thread)?;
+    if let Some(refused) = refused {
+        tracing::warn!("{refused}");
+    }
+    Supervisor { options: options.clone(), loaded, runner, recorder, health, reader }.run()
+}

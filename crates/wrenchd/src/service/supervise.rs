@@ -1,0 +1,267 @@
+//! The main thread: signals, reload, watchdog, the status line; the cycle goes on without it.
+
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use rig::Status;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::time::{MissedTickBehavior, interval};
+
+use super::load::{Loaded, StartError};
+use super::{Options, notify};
+use crate::feed::FeedReader;
+use crate::health::{Health, Totals};
+use crate::published::Why;
+use crate::recorder::Recorder;
+use crate::runner::{BoxedSource, Replacement, Runner};
+
+/// How often the feed is looked at for a change of state.
+const LOOK_PERIOD: Duration = Duration::from_millis(100);
+/// How often the status line is logged.
+const STATUS_PERIOD: Duration = Duration::from_secs(10);
+/// No change of state is logged sooner after the last.
+const CHANGE_PERIOD: Duration = Duration::from_secs(1);
+
+/// All that the main thread holds.
+pub(super) struct Supervisor {
+    pub(super) options: Options,
+    pub(super) loaded: Loaded,
+    pub(super) runner: Runner,
+    pub(super) recorder: Option<Recorder>,
+    pub(super) health: Arc<Health>,
+    pub(super) reader: FeedReader,
+}
+
+/// What is logged and when it last was.
+struct Watch {
+    /// Status and reason that were logged last.
+    state: Option<(Status, Option<Why>)>,
+    changed_at: Option<Instant>,
+    reported_at: Instant,
+    reported: Totals,
+    /// Turns when the watchdog was last fed.
+    fed_turns: u64,
+    recorder_failed: bool,
+}
+
+enum Wish {
+    Stop,
+    Reload,
+    Look,
+    Feed,
+}
+
+impl Supervisor {
+    /// Supervises until a signal or the end of the cycle.
+    pub(super) fn run(mut self) -> Result<ExitCode, StartError> {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .map_err(StartError::Signals)?;
+        runtime.block_on(self.watch())?;
+        notify::stopping();
+        Ok(self.stop())
+    }
+
+    async fn watch(&mut self) -> Result<(), StartError> {
+        let on = |kind| signal(kind).map_err(StartError::Signals);
+        let (mut terminate, mut interrupt) = (on(SignalKind::terminate())?, on(SignalKind::interrupt())?);
+        let mut hang_up = on(SignalKind::hangup())?;
+        let mut look = interval(LOOK_PERIOD);
+        let watchdog = notify::watchdog_period();
+        let mut feed = interval(watchdog.unwrap_or(Duration::from_secs(3600)));
+        look.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        feed.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut watch = Watch::new();
+        notify::ready("started");
+        while !self.runner.has_ended() {
+            let wish = tokio::select! {
+                _ = terminate.recv() => Wish::Stop,
+                _ = interrupt.recv() => Wish::Stop,
+                _ = hang_up.recv() => Wish::Reload,
+                _ = look.tick() => Wish::Look,
+                _ = feed.tick() => Wish::Feed,
+            };
+            match wish {
+                Wish::Stop => break,
+                Wish::Reload => self.reload(),
+                Wish::Look => self.look(&mut watch),
+                Wish::Feed => watch.feed(&self.health),
+            }
+        }
+        Ok(())
+    }
+
+    fn look(&mut self, watch: &mut Watch) {
+        self.runner.free_retired();
+        if let Some(record) = self.reader.newest() {
+            watch.state(record.status, record.outcome.err());
+        }
+        watch.report(&self.health);
+        if let Some(recorder) = self.recorder.as_ref().filter(|recorder| recorder.has_failed())
+            && !watch.recorder_failed
+        {
+            watch.recorder_failed = true;
+            tracing::error!("recording into {} has failed; the wrench goes on", recorder.path().display());
+        }
+    }
+
+    fn reload(&mut self) {
+        notify::reloading();
+        match self.replacement() {
+            Ok((loaded, replacement)) => {
+                if self.runner.offer(Box::new(replacement)) {
+                    let hash = &loaded.model_sha256;
+                    tracing::info!(
+                        config = %loaded.rig.config.file.display(),
+                        model = %loaded.model_file.display(),
+                        model_sha256 = hash,
+                        mode = super::load::mode_name(loaded.rig.config.publish.mode),
+                        "reloaded"
+                    );
+                    self.loaded = loaded;
+                } else {
+                    tracing::error!(
+                        "not reloaded: the reload before this one has not been taken yet; try again"
+                    );
+                }
+            }
+            Err(error) => {
+                let hash = &self.loaded.model_sha256;
+                tracing::error!(
+                    "not reloaded, the old configuration and model (sha256 {hash}) go on: {error}"
+                );
+            }
+        }
+        notify::ready("reloaded");
+    }
+
+    fn replacement(&self) -> Result<(Loaded, Replacement), StartError> {
+        let loaded = Loaded::load(&self.options)?;
+        let old = &self.loaded.rig;
+        let same_messages = old.messages == loaded.rig.messages;
+        let same_interfaces = old.config.bus.interfaces == loaded.rig.config.bus.interfaces;
+        if !same_interfaces && self.recorder.is_some() {
+            return Err(StartError::Recording { config: self.options.config.clone() });
+        }
+        let source: Option<BoxedSource> = if same_interfaces && (same_messages || self.recorder.is_some()) {
+            None
+        } else {
+            Some(Box::new(loaded.open_source(false)?.0))
+        };
+        let outputs = crate::output::open(&loaded.rig.config)?;
+        let engine = loaded.engine()?;
+        let rate_hz = loaded.rig.config.publish.rate_hz;
+        Ok((loaded, Replacement { engine, rate_hz, outputs, source }))
+    }
+
+    /// Stops the cycle, closes the recording, and says what was done.
+    fn stop(self) -> ExitCode {
+        let mut code = ExitCode::SUCCESS;
+        if let Err(error) = self.runner.stop() {
+            tracing::error!("the cycle ended: {error}");
+            code = ExitCode::FAILURE;
+        }
+        if let Some(recorder) = self.recorder {
+            let path = recorder.path().to_owned();
+            match recorder.finish() {
+                Ok(recorded) => {
+                    tracing::info!(
+                        frames = recorded.frames,
+                        lost = recorded.lost,
+                        "recorded {}",
+                        path.display()
+                    );
+                }
+                Err(error) => {
+                    tracing::error!("the recording failed: {error}");
+                    code = ExitCode::FAILURE;
+                }
+            }
+        }
+        let totals = self.health.totals();
+        tracing::info!(
+            frames = totals.frames,
+            lost_frames = totals.lost_frames,
+            rounds = totals.rounds,
+            published = totals.published,
+            valid = totals.valid,
+            overruns = totals.overruns,
+            sent = totals.sent,
+            unsent = totals.unsent,
+            "stopped"
+        );
+        code
+    }
+}
+
+impl Watch {
+    fn new() -> Self {
+        Self {
+            state: None,
+            changed_at: None,
+            reported_at: Instant::now(),
+            reported: Totals::default(),
+            fed_turns: 0,
+            recorder_failed: false,
+        }
+    }
+
+    /// Logs a change of status or reason, at most one a second.
+    fn state(&mut self, status: Status, why: Option<Why>) {
+        let soon = self.changed_at.is_some_and(|at| at.elapsed() < CHANGE_PERIOD);
+        if self.state == Some((status, why)) || soon {
+            return;
+        }
+        self.state = Some((status, why));
+        self.changed_at = Some(Instant::now());
+        match why {
+            Some(why) => tracing::warn!(status = %status, "no wrench: {why}"),
+            None if status == Status::GOOD => tracing::info!(status = %status, "the wrench is good"),
+            None => tracing::warn!(status = %status, "the wrench is to be used with care"),
+        }
+        notify::status(&why.map_or_else(|| format!("wrench {status}"), |why| format!("no wrench: {why}")));
+    }
+
+    /// Logs the status line when it is due.
+    fn report(&mut self, health: &Health) {
+        let passed = self.reported_at.elapsed();
+        if passed < STATUS_PERIOD {
+            return;
+        }
+        let totals = health.totals();
+        let new = totals.since(&self.reported);
+        self.reported_at = Instant::now();
+        self.reported = totals;
+        let rate_hz = new.published as f64 / passed.as_secs_f64();
+        let valid = if new.published > 0 { 100.0 * new.valid as f64 / new.published as f64 } else { 0.0 };
+        let latency_us = health.take_worst_latency_ns() / 1000;
+        let lost = new.lost_frames;
+        tracing::info!(
+            rate_hz = format_args!("{rate_hz:.1}"),
+            valid_percent = format_args!("{valid:.2}"),
+            frames = new.frames,
+            lost_frames = lost,
+            bus_errors = new.bus_errors,
+            incomplete_rounds = new.rounds.saturating_sub(new.complete_rounds),
+            overruns = new.overruns,
+            unsent = new.unsent,
+            worst_latency_us = latency_us,
+            "status"
+        );
+        notify::status(&format!(
+            "{rate_hz:.0} Hz, {valid:.1} % valid, {lost} frames lost, {} overruns, worst latency {latency_us} us",
+            new.overruns
+        ));
+    }
+
+    /// Feeds the watchdog if the cycle has turned since the last time.
+    fn feed(&mut self, health: &Health) {
+        let turns = health.totals().turns;
+        if turns != self.fed_turns {
+            self.fed_turns = turns;
+            notify::alive();
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! One turn of the cycle: frames from the source through the engine to the outputs.
+//!
+//! Everything here runs on the real-time thread: no allocation, lock, log, or call that waits beyond the given timeout.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use can::source::{Batch, Event, Poll, Source};
+use rig::config::PublishMode;
+
+use crate::engine::{Engine, Now};
+use crate::feed::FeedWriter;
+use crate::grid::Grid;
+use crate::health::{Health, Totals};
+use crate::output::Output;
+use crate::published::Published;
+
+/// Most events taken in one turn: bounds its work.
+pub const EVENTS_PER_TURN: usize = 2048;
+
+/// No wait is longer, so that a stop, a reload and the watchdog are served.
+const LONGEST_WAIT: Duration = Duration::from_millis(100);
+
+/// Reads both clocks.
+pub trait Clock {
+    /// The time now.
+    fn now(&self) -> Now;
+    /// Waits until then on the monotonic clock, or shorter.
+    fn sleep_until_ns(&self, monotonic_ns: i64);
+}
+
+/// Where records go: the real-time outputs, then everybody else's ring.
+pub struct Sinks {
+    /// Outputs served inside the cycle.
+    pub outputs: Vec<Box<dyn Output>>,
+    /// For those outside it.
+    pub feed: FeedWriter,
+    health: Arc<Health>,
+    totals: Totals,
+    /// Round of the last estimate published, so that each counts once in the latency.
+    last_round: Option<u64>,
+    /// Counts of outputs that were replaced.
+    replaced: (u64, u64),
+}
+
+/// Source, engine and outputs of one cycle.
+pub struct Station<S> {
+    /// Where frames come from.
+    pub source: S,
+    engine: Engine,
+    sinks: Sinks,
+    batch: Batch,
+    grid: Option<Grid>,
+    rate_hz: f64,
+}
+
+impl Sinks {
+    /// To these outputs and this ring, counted in `health`.
+    pub fn new(outputs: Vec<Box<dyn Output>>, feed: FeedWriter, health: Arc<Health>) -> Self {
+        Self { outputs, feed, health, totals: Totals::default(), last_round: None, replaced: (0, 0) }
+    }
+
+    fn publish(&mut self, record: &Published) {
+        for output in &mut self.outputs {
+            output.publish(record);
+        }
+        self.feed.write(record);
+        self.totals.published += 1;
+        self.totals.valid += u64::from(record.is_valid());
+        if record.round > 0 && self.last_round != Some(record.round) {
+            self.last_round = Some(record.round);
+            self.health.note_latency(record.published_ns - record.last_stamp_ns);
+        }
+    }
+
+    fn count(&mut self, event: &Event) {
+        match event {
+            Event::Frame(_) => self.totals.frames += 1,
+            Event::BusError { .. } => self.totals.bus_errors += 1,
+            Event::Dropped { count, .. } => self.totals.lost_frames += u64::from(*count),
+            Event::Down { .. } => self.totals.downs += 1,
+            Event::Up { .. } | Event::Malformed { .. } => {}
+        }
+    }
+
+    fn output_counts(&self) -> (u64, u64) {
+        let counts = self.outputs.iter().map(|output| output.counts());
+        counts.fold((0, 0), |(sent, dropped), c| (sent + c.sent, dropped + c.dropped))
+    }
+}
+
+impl<S: Source> Station<S> {
+    /// Ready to turn; `rate_hz` is the grid's in fixed mode.
+    pub fn new(source: S, engine: Engine, rate_hz: f64, sinks: Sinks) -> Self {
+        Self { source, engine, sinks, batch: Batch::new(EVENTS_PER_TURN), grid: None, rate_hz }
+    }
+
+    /// One turn. Fixed mode: waits for the grid's next point, takes in what has come, publishes. Event mode: waits for
+    /// frames, publishes what they complete. Waits at most a tenth of a second; an error of the source is final.
+    pub fn turn(&mut self, clock: &impl Clock) -> can::Result<Poll> {
+        let poll = match self.engine.mode() {
+            PublishMode::Fixed => self.turn_fixed(clock)?,
+            PublishMode::Event => self.turn_event(clock)?,
+        };
+        self.sinks.totals.turns += 1;
+        self.note();
+        Ok(poll)
+    }
+
+    fn turn_fixed(&mut self, clock: &impl Clock) -> can::Result<Poll> {
+        let begun_ns = clock.now().monotonic_ns;
+        let grid = self.grid.get_or_insert_with(|| Grid::new(begun_ns, self.rate_hz));
+        let due_ns = grid.due_ns();
+        let longest_ns = LONGEST_WAIT.as_nanos() as i64;
+        if due_ns - begun_ns > longest_ns {
+            clock.sleep_until_ns(begun_ns + longest_ns);
+            return Ok(Poll::Idle);
+        }
+        if due_ns > begun_ns {
+            clock.sleep_until_ns(due_ns);
+        }
+        let woken_ns = clock.now().monotonic_ns;
+        if woken_ns < due_ns {
+            return Ok(Poll::Idle);
+        }
+        self.sinks.totals.overruns += grid.advance(woken_ns);
+        let poll = self.take_in(Duration::ZERO, clock)?;
+        let Self { engine, sinks, .. } = self;
+        engine.tick(clock.now(), |record| sinks.publish(record));
+        Ok(poll)
+    }
+
+    fn turn_event(&mut self, clock: &impl Clock) -> can::Result<Poll> {
+        let wait = self.engine.due_ns().map_or(Duration::ZERO, |due_ns| {
+            let wait_ns = due_ns - clock.now().monotonic_ns;
+            Duration::from_nanos(u64::try_from(wait_ns).unwrap_or(0)).min(LONGEST_WAIT)
+        });
+        let poll = self.take_in(wait, clock)?;
+        let Self { engine, sinks, .. } = self;
+        engine.tick(clock.now(), |record| sinks.publish(record));
+        Ok(poll)
+    }
+
+    fn take_in(&mut self, wait: Duration, clock: &impl Clock) -> can::Result<Poll> {
+        let poll = self.source.poll(&mut self.batch, wait)?;
+        if poll != Poll::Ready {
+            return Ok(poll);
+        }
+        let now = clock.now();
+        let Self { engine, sinks, batch, .. } = self;
+        for event in batch.events() {
+            sinks.count(event);
+            if let Event::Frame(stamped) = event {
+                engine.push(stamped, now, |record| sinks.publish(record));
+            }
+        }
+        Ok(poll)
+    }
+
+    /// Publishes the last record.
+    pub fn stop(&mut self, clock: &impl Clock) {
+        let Self { engine, sinks, .. } = self;
+        engine.stop(clock.now(), |record| sinks.publish(record));
+        self.note();
+    }
+
+    /// Exchanges engine, rate and outputs for others; the sequence counts on. What was replaced is left in the arguments,
+    /// to be freed elsewhere.
+    pub fn exchange(&mut self, engine: &mut Engine, rate_hz: f64, outputs: &mut Vec<Box<dyn Output>>) {
+        engine.continue_from(&self.engine);
+        std::mem::swap(&mut self.engine, engine);
+        let (sent, dropped) = self.sinks.output_counts();
+        self.sinks.replaced.0 += sent;
+        self.sinks.replaced.1 += dropped;
+        std::mem::swap(&mut self.sinks.outputs, outputs);
+        self.sinks.last_round = None;
+        self.rate_hz = rate_hz;
+        self.grid = None;
+    }
+
+    fn note(&mut self) {
+        let rounds = self.engine.cycle().assembler().counts();
+        let (sent, dropped) = self.sinks.output_counts();
+        let Sinks { totals, health, replaced, .. } = &mut self.sinks;
+        (totals.sent, totals.unsent) = (replaced.0 + sent, replaced.1 + dropped);
+        (totals.rounds, totals.complete_rounds) = (rounds.rounds, rounds.complete_rounds);
+        health.store(totals);
+    }
+}
