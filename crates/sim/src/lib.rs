@@ -27,5 +27,5 @@ pub use error::SimError;
 pub use mechanics::Mechanics;
 pub use motion::{JointState, Trajectory};
 pub use scenario::{Preset, Scenario};
-pub use simulator::{Options, Simulator};
+pub use simulator::{Options, START_NS, Simulator};
 pub use truth::{TrueGauge, Truth};

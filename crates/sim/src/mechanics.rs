@@ -1,6 +1,7 @@
 //! The arm in motion under its loads: what every section feels at an instant, and the true wrench at the tip.
 
 use model::dynamics::Dynamics;
+use model::sensing::Compliance;
 use model::spatial::{Tip, Wrench};
 use nalgebra::Vector6;
 use rig::Rig;
@@ -57,6 +58,12 @@ impl Mechanics {
     #[must_use]
     pub fn load(&self, section: usize) -> Vector6<f64> {
         self.dynamics.load(section) + self.dynamics.load_of_tip_wrench(section, &self.tip).to_vector()
+    }
+
+    /// What a gauge in a section makes of a wrench on the tip at the instant: counts/N and counts/Nm, about E's origin, in E.
+    #[must_use]
+    pub fn row_to_tip(&self, section: usize, compliance: &Compliance) -> Vector6<f64> {
+        self.dynamics.row_to_tip(section, &compliance.vector())
     }
 
     /// What the environment applies to the end-effector at the instant (N, Nm about E's origin, in E): pushes, and weight

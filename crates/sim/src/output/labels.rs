@@ -1,0 +1,73 @@
+//! labels.json: what was put into simulated runs, for those who check what comes out.
+
+use std::path::Path;
+
+use rig::Rig;
+use serde_json::{Map, Value, json};
+
+use crate::SimError;
+use crate::truth::{TrueGauge, Truth};
+
+/// Name of the file with the truth, beside the run directories that it is about.
+pub const LABELS_FILE: &str = "labels.json";
+
+/// The text of labels.json at `file` with the run `name` added; what it says about other runs is kept.
+///
+/// On top: seed, gauges and effects of this run. Under `cases` the same for every run by its directory's name.
+pub(super) fn merged(
+    file: &Path,
+    name: &str,
+    rig: &Rig,
+    truth: &Truth,
+    seed: u64,
+) -> Result<String, SimError> {
+    let mut cases = known_cases(file)?;
+    let gauges: Vec<Value> = rig
+        .layout
+        .gauges
+        .iter()
+        .zip(&truth.gauges)
+        .map(|(binding, gauge)| label(&binding.name, gauge))
+        .collect();
+    let arm = rig.config.file.file_stem().and_then(|stem| stem.to_str()).unwrap_or("arm");
+    cases.insert(name.to_owned(), json!({ "seed": seed, "gauges": gauges, "effects": [] }));
+    let labels =
+        json!({ "format": 1, "arm": arm, "seed": seed, "gauges": gauges, "effects": [], "cases": cases });
+    Ok(format!("{labels:#}\n"))
+}
+
+/// One gauge: scale (counts/Nm), angles (rad), offsets and pitch (m), bias and noise (counts).
+fn label(name: &str, gauge: &TrueGauge) -> Value {
+    let frame = gauge.frame();
+    let of = |value: fn(&model::sensing::ActualFrame) -> f64| frame.as_ref().map(value);
+    json!({
+        "name": name,
+        "r": of(|frame| frame.r_counts_per_nm),
+        "ax": of(|frame| frame.a_x_rad),
+        "ay": of(|frame| frame.a_y_rad),
+        "lx": of(|frame| frame.l_x_m),
+        "ly": of(|frame| frame.l_y_m),
+        "pitch": of(|frame| frame.pitch_m),
+        "bias": gauge.bias_counts,
+        "noise": gauge.noise.sigma_counts,
+    })
+}
+
+fn known_cases(file: &Path) -> Result<Map<String, Value>, SimError> {
+    let bytes = match std::fs::read(file) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Map::new()),
+        Err(source) => {
+            let what = "the labels of earlier simulations, or another place for the run";
+            return Err(SimError::Read { file: file.to_owned(), source, what });
+        }
+    };
+    let foreign = || {
+        let problem =
+            "is there already and does not hold labels of simulations; move it, or put the run elsewhere";
+        SimError::row(file, 1, problem)
+    };
+    let known: Value = serde_json::from_slice(&bytes).map_err(|_| foreign())?;
+    let cases = known.as_object().and_then(|known| known.get("cases")).and_then(Value::as_object);
+    cases.cloned().ok_or_else(foreign)
+}
