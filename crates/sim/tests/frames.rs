@@ -8,9 +8,9 @@ use model::dynamics::Dynamics;
 use model::spatial::Wrench;
 use nalgebra::{Matrix3, Vector3, Vector6};
 use rig::run::LoadInterval;
-use sim::motion::{MotionLimits, Sine, Sines, Trajectory};
-use sim::push::Push;
-use sim::{Options, Preset, Scenario, SimError, Simulator, Truth};
+use wrenchd_sim::motion::{MotionLimits, Sine, Sines, Trajectory};
+use wrenchd_sim::push::Push;
+use wrenchd_sim::{Options, Preset, Scenario, SimError, Simulator, Truth};
 
 /// A swing of all joints with a weight and a push; some seconds long.
 fn lively(rig: &rig::Rig, seconds: f64) -> Scenario {
@@ -138,7 +138,7 @@ fn the_true_wrench_is_push_and_weight_and_inertia() {
     assert_eq!(simulator.truth_at(0.1).to_vector(), Vector6::zeros());
     // Second difference of the load's place in the world against the true wrench.
     let mut dynamics = Dynamics::new(&rig.chain, &rig.sections);
-    let mut state = sim::JointState::at_rest(6);
+    let mut state = wrenchd_sim::JointState::at_rest(6);
     let mut place = |t_s: f64| {
         scenario.trajectory.at(t_s, &mut state);
         dynamics.update(&state.positions_rad, &[], &[]);
@@ -266,7 +266,7 @@ fn pages_share_what_is_outside_them_and_counters_count_frames() {
     assert_eq!(pages[..4], [1, 2, 1, 2]);
     let (snapshots, _) = snapshots(&rig, frames.into_iter());
     let snapshot = &snapshots[60];
-    let t_s = ((snapshot.instant_ns - sim::START_NS) as f64 * 1e-9 * 125.0).floor() / 125.0;
+    let t_s = ((snapshot.instant_ns - wrenchd_sim::START_NS) as f64 * 1e-9 * 125.0).floor() / 125.0;
     mechanics.update(t_s);
     for index in 0..8 {
         let expected = truth.gauges[index].counts(&mechanics.load(index));
@@ -299,7 +299,7 @@ fn delayed_signals_and_other_interfaces_come_out_right() {
     for snapshot in &snapshots[20..] {
         for joint in [0, 1] {
             let reading = snapshot.joints[joint].position.unwrap();
-            mechanics.update((reading.at_ns - sim::START_NS) as f64 * 1e-9);
+            mechanics.update((reading.at_ns - wrenchd_sim::START_NS) as f64 * 1e-9);
             let error = reading.value - mechanics.state().positions_rad[joint];
             assert!(error.abs() < 5e-6, "{error}");
         }

@@ -11,10 +11,10 @@ use model::sensing::ActualFrame;
 use model::spatial::Wrench;
 use nalgebra::Vector3;
 use rig::run::LoadInterval;
-use sim::motion::Trajectory;
-use sim::push::Push;
-use sim::truth::{GaugeNoise, TrueEncoder};
-use sim::{Options, Scenario, Simulator, TrueGauge, Truth};
+use wrenchd_sim::motion::Trajectory;
+use wrenchd_sim::push::Push;
+use wrenchd_sim::truth::{GaugeNoise, TrueEncoder};
+use wrenchd_sim::{Options, Scenario, Simulator, TrueGauge, Truth};
 
 /// r (counts/Nm), a_x, a_y (rad), l_x, l_y (m), bias (counts); pitch 0.
 const GAUGES: [[f64; 6]; 8] = [
@@ -105,7 +105,7 @@ fn truth() -> Truth {
 #[test]
 fn held_poses_read_as_recorded() {
     let (rig, truth) = (rig("arm.toml"), truth());
-    let (mut squares, mut count, mut worst) = (0.0, 0.0, 0.0f64);
+    let (mut squares, mut count, mut worst) = (0.0f64, 0.0f64, 0.0f64);
     for line in include_str!("data/held_poses.csv").lines().skip(1) {
         let row: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
         let (samples, load, push, pose, recorded) =
@@ -145,7 +145,7 @@ fn held_poses_read_as_recorded() {
 }
 
 /// Variance (counts^2) that one sample of the reference sensor brings to a gauge.
-fn reference_share(mechanics: &sim::Mechanics, gauge: &TrueGauge, section: usize) -> f64 {
+fn reference_share(mechanics: &wrenchd_sim::Mechanics, gauge: &TrueGauge, section: usize) -> f64 {
     let sigmas = [0.02, 0.02, 0.03, 0.001, 0.001, 0.001];
     let row = mechanics.row_to_tip(section, &gauge.compliance);
     row.iter().zip(sigmas).map(|(part, sigma)| (part * sigma).powi(2)).sum()

@@ -5,6 +5,9 @@ mod limits;
 mod quintic;
 mod sines;
 mod spline;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
 
 pub use limits::{JointLimits, MAX_ACCELERATION_RAD_S2, MotionLimits, SPEED_SHARE};
 pub use quintic::Move;

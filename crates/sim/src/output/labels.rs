@@ -47,7 +47,8 @@ fn label(name: &str, gauge: &TrueGauge) -> Value {
         "ay": of(|frame| frame.a_y_rad),
         "lx": of(|frame| frame.l_x_m),
         "ly": of(|frame| frame.l_y_m),
-        "pitch": of(|frame| frame.pitch_m),
+        // Below a picometre it is the rounding of a line's other numbers.
+        "pitch": of(|frame| if frame.pitch_m.abs() < 1e-12 { 0.0 } else { frame.pitch_m }),
         "bias": gauge.bias_counts,
         "noise": gauge.noise.sigma_counts,
     })

@@ -1,5 +1,5 @@
 //! What several tests of the simulator need.
-#![allow(dead_code)]
+#![allow(dead_code, unreachable_pub, clippy::unwrap_used)]
 
 use std::path::{Path, PathBuf};
 
