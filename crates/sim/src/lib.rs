@@ -8,6 +8,23 @@
 //! it. Every number is a function of the configuration, the [`truth::Truth`], the [`scenario::Scenario`] and a seed: the
 //! same four give the same frames, bit for bit. Nothing here reads a clock.
 //!
+//! ```
+//! use wrenchd_sim::{Options, Preset, Simulator, Truth};
+//!
+//! let config = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/arm.toml");
+//! let rig = rig::Rig::load_file(config.as_ref())?;
+//! let truth = Truth::draw(&rig, 7, 0.0);
+//! let scenario = Preset::Accuracy.scenario(&rig.chain, 7)?;
+//! let mut simulator = Simulator::new(&rig, truth, &scenario, Options::default())?;
+//! let (bus, _source) = can::channel::channel(1024);
+//! for _ in 0..700 {
+//!     let Some(stamped) = simulator.next() else { break };
+//!     bus.send(stamped);
+//! }
+//! assert!(simulator.truth_at(2.75).force_n.x == 5.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! What is simulated is the nominal arm: rigid, exactly its URDF, with linear gauges and synchronised boards.
 
 mod bus;

@@ -1,33 +1,22 @@
-//! From values to frames: which signals go into which message, and when each frame is through on its bus.
+//! From values to frames: what each message says in a cycle, and when its frame is through on its bus.
 
-use std::collections::BTreeMap;
+mod plan;
 
-use can::assembly::{Layout, SignalBinding};
-use can::frame::{CanId, Frame, Stamped};
-use can::signal::{MuxCondition, SignalSpec};
+use can::assembly::Layout;
+use can::frame::{Frame, Stamped};
+use can::signal::SignalSpec;
 use rand::RngExt;
 use rand::rngs::StdRng;
-use rig::binding::{BitRates, classical_bits, fd_bits};
+use rig::binding::BitRates;
 
 use crate::SimError;
 use crate::truth::range_si;
+use plan::{Content, Page, wire_ns};
 
 /// Latest start of a cycle's first frame after its instant, ns.
 const START_JITTER_NS: i64 = 10_000;
 /// Jitter of each frame's end, ns.
 const FRAME_JITTER_NS: i64 = 1_000;
-/// CAN FD frames switch to the data bit rate.
-const FD_NIBBLE: u8 = 1;
-
-/// What a signal says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Content {
-    Counts(usize),
-    Saturated(usize),
-    Temperature(usize),
-    Position(usize),
-    Velocity(usize),
-}
 
 #[derive(Clone, Debug)]
 struct Port {
@@ -88,15 +77,6 @@ pub(crate) struct Bus {
     free_ns: Vec<i64>,
 }
 
-/// Messages and multiplexer pages in the order in which they win arbitration.
-type Pages<'a> = BTreeMap<(u8, CanId, Vec<(u64, u64)>), (&'a [MuxCondition], Vec<Wish<'a>>)>;
-
-struct Wish<'a> {
-    binding: &'a SignalBinding,
-    content: Option<Content>,
-    delay_ns: Option<i64>,
-}
-
 impl Bus {
     /// The messages of a layout on buses of these bit rates.
     ///
@@ -105,43 +85,17 @@ impl Bus {
     pub(crate) fn new(layout: &Layout, rates: BitRates) -> Result<Self, SimError> {
         let mut bus =
             Self { messages: Vec::new(), counters: Vec::new(), offsets_ns: vec![0], free_ns: Vec::new() };
-        let wishes = wishes(layout);
-        let mut pages: Pages<'_> = BTreeMap::new();
-        for wish in &wishes {
-            let spec = &wish.binding.spec;
-            pages.entry(key(wish)).or_insert_with(|| (&spec.mux, Vec::new()));
-        }
-        for ((interface, id, selectors), (_, members)) in &mut pages {
-            let here = |wish: &&Wish<'_>| {
-                let (of, whose, page) = key(wish);
-                // What is in every page of a message is in each of them.
-                of == *interface && whose == *id && (page == *selectors || page.is_empty())
-            };
-            members.extend(wishes.iter().filter(here).map(|wish| Wish { ..*wish }));
-        }
-        let multiplexed: Vec<(u8, CanId)> =
-            pages.keys().filter(|page| !page.2.is_empty()).map(|page| (page.0, page.1)).collect();
-        for ((interface, id, selectors), (mux, members)) in &pages {
-            // The signals outside the pages of a multiplexed message need no frame of their own.
-            if !selectors.is_empty() || !multiplexed.contains(&(*interface, *id)) {
-                bus.add(*interface, mux, members, rates)?;
-            }
+        for page in plan::pages(layout) {
+            bus.add(&page, rates)?;
         }
         let interfaces = bus.messages.iter().map(|message| usize::from(message.interface) + 1).max();
         bus.free_ns = vec![i64::MIN; interfaces.unwrap_or(0)];
         Ok(bus)
     }
 
-    fn add(
-        &mut self,
-        interface: u8,
-        mux: &[MuxCondition],
-        members: &[Wish<'_>],
-        rates: BitRates,
-    ) -> Result<(), SimError> {
-        let Some(first) = members.first() else { return Ok(()) };
-        let spec = &first.binding.spec;
-        let template = template(spec, mux)?;
+    fn add(&mut self, page: &Page<'_>, rates: BitRates) -> Result<(), SimError> {
+        let (interface, members) = (page.interface, &page.members);
+        let template = page.template()?;
         let delay_ns = members.iter().filter_map(|wish| wish.delay_ns).max();
         let (mut ports, mut counters) = (Vec::new(), Vec::new());
         for wish in members {
@@ -261,70 +215,4 @@ fn fill(message: &Message, counters: &mut [Counter], samples: &[Sample]) -> Fram
         counter.count = counter.count.wrapping_add(1);
     }
     frame
-}
-
-/// All signals of a layout; no content: a counter.
-fn wishes(layout: &Layout) -> Vec<Wish<'_>> {
-    let mut wishes = Vec::new();
-    for (index, gauge) in layout.gauges.iter().enumerate() {
-        let signals = [
-            (Some(&gauge.counts), Some(Content::Counts(index)), gauge.delay_ns),
-            (gauge.saturated.as_ref(), Some(Content::Saturated(index)), gauge.delay_ns),
-            (gauge.sequence.as_ref(), None, None),
-            (gauge.temperature.as_ref(), Some(Content::Temperature(index)), None),
-        ];
-        wishes.extend(signals.into_iter().filter_map(|(binding, content, delay_ns)| {
-            binding.map(|binding| Wish { binding, content, delay_ns })
-        }));
-    }
-    for (index, joint) in layout.joints.iter().enumerate() {
-        let signals = [
-            (Some(&joint.position), Content::Position(index)),
-            (joint.velocity.as_ref(), Content::Velocity(index)),
-        ];
-        wishes.extend(signals.into_iter().filter_map(|(binding, content)| {
-            binding.map(|binding| Wish { binding, content: Some(content), delay_ns: joint.delay_ns })
-        }));
-    }
-    wishes
-}
-
-fn key(wish: &Wish<'_>) -> (u8, CanId, Vec<(u64, u64)>) {
-    let spec = &wish.binding.spec;
-    // A page is named by the first value of each of its selectors.
-    let selectors = spec.mux.iter().map(|condition| {
-        let first = condition.ranges.first().map_or(0, |range| range.0);
-        (u64::from(condition.field.bits()), first)
-    });
-    (wish.binding.interface, spec.message_id, selectors.collect())
-}
-
-/// An empty frame of a message, its selectors set.
-fn template(spec: &SignalSpec, mux: &[MuxCondition]) -> Result<Frame, SimError> {
-    let problem = |what: &str| SimError::signal(spec.full_name(), format!("{what}; correct the DBC"));
-    let length = spec.wire_len();
-    let zeros = [0; can::frame::MAX_LEN];
-    let frame = if length <= 8 {
-        Frame::classical(spec.message_id, &zeros[..length])
-    } else {
-        Frame::fd(spec.message_id, FD_NIBBLE, &zeros[..length])
-    };
-    let mut frame = frame.ok_or_else(|| problem("its message has a length that no frame has"))?;
-    for condition in mux {
-        let value = condition.ranges.first().map_or(0, |range| range.0);
-        if !condition.field.insert(frame.data_mut(), value) {
-            return Err(problem("its selector is beyond the end of its message"));
-        }
-    }
-    Ok(frame)
-}
-
-/// Time that a frame takes on the bus, ns: half way between no stuff bits and the most.
-fn wire_ns(frame: &Frame, rates: BitRates) -> i64 {
-    let extended = frame.id().is_extended();
-    let bits =
-        if frame.len() <= 8 { classical_bits(frame.len(), extended) } else { fd_bits(frame.len(), extended) };
-    let mean = |(least, most): (u32, u32)| f64::from(least + most) / 2.0;
-    let seconds = mean(bits.nominal) / rates.nominal_bps + mean(bits.data) / rates.data_bps;
-    (seconds * 1e9).round() as i64
 }
