@@ -17,6 +17,15 @@
 //! the main thread to the cycle (a new engine after a reload) goes through a queue of one; what comes back is freed by
 //! the main thread. The daemon is no safety-rated device.
 
+#![cfg_attr(test, allow(clippy::unwrap_used))]
+
+#[cfg(test)]
+extern crate self as wrenchd;
+
+#[cfg(test)]
+#[path = "../tests/common/mod.rs"]
+mod common;
+
 pub mod engine;
 pub mod feed;
 pub mod grid;

@@ -87,7 +87,9 @@ impl Supervisor {
                 Wish::Stop => break,
                 Wish::Reload => self.reload(),
                 Wish::Look => self.look(&mut watch),
-                Wish::Feed => watch.feed(&self.health),
+                Wish::Feed => {
+                    watch.feed(&self.health);
+                }
             }
         }
         Ok(())
@@ -256,12 +258,120 @@ impl Watch {
         ));
     }
 
-    /// Feeds the watchdog if the cycle has turned since the last time.
-    fn feed(&mut self, health: &Health) {
+    /// Feeds the watchdog if the cycle has turned since the last time; whether it has.
+    fn feed(&mut self, health: &Health) -> bool {
         let turns = health.totals().turns;
-        if turns != self.fed_turns {
-            self.fed_turns = turns;
+        let turned = turns != self.fed_turns;
+        self.fed_turns = turns;
+        if turned {
             notify::alive();
         }
+        turned
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::common::{examples, model, rig, simulator, truth};
+    use crate::feed::feed;
+    use crate::published::Published;
+    use crate::station::{Sinks, Station};
+    use can::channel::{ChannelSender, channel};
+    use rig::config::PublishMode;
+    use sim::Simulator;
+    use std::fs;
+    use std::path::Path;
+
+    /// A daemon in event mode without interfaces, its files in `folder`.
+    fn daemon(folder: &Path) -> (Supervisor, ChannelSender) {
+        for name in ["arm.urdf", "arm.dbc"] {
+            fs::copy(examples().join(name), folder.join(name)).unwrap();
+        }
+        let text = fs::read_to_string(examples().join("arm.toml")).unwrap();
+        let (before, rest) = text.split_once("[publish.can]").unwrap();
+        let after = rest.split_once("# Records for Net F/T").unwrap().1;
+        let text = format!("{before}#{after}").replace("mode = \"fixed\"", "mode = \"event\"");
+        fs::write(folder.join("arm.toml"), text).unwrap();
+        let robot = rig(PublishMode::Event);
+        fs::write(folder.join("model.toml"), model(&robot, &truth(&robot)).to_toml()).unwrap();
+        let (config, model) = (folder.join("arm.toml"), Some(folder.join("model.toml")));
+        let options = Options { config, model, record: None };
+        let loaded = Loaded::load(&options).unwrap();
+        let (sender, source) = channel(1 << 14);
+        let (writer, feed) = feed(1 << 12);
+        let health = Arc::new(Health::default());
+        let sinks = Sinks::new(Vec::new(), writer, health.clone());
+        let station = Station::new(Box::new(source) as BoxedSource, loaded.engine().unwrap(), 1000.0, sinks);
+        let reader = feed.reader();
+        let (runner, _) = Runner::start(station).unwrap();
+        (Supervisor { options, loaded, runner, recorder: None, health, reader }, sender)
+    }
+
+    /// What is published of the next 700 frames, a tenth of a second.
+    fn published(supervisor: &mut Supervisor, sender: &ChannelSender, arm: &mut Simulator) -> Vec<Published> {
+        let frames: Vec<_> = arm.take(700).collect();
+        let before = supervisor.health.totals().frames;
+        assert!(frames.iter().all(|frame| sender.send(*frame)));
+        let begun = Instant::now();
+        while supervisor.health.totals().frames < before + frames.len() as u64 {
+            assert!(begun.elapsed() < Duration::from_secs(20), "the cycle stands still");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let records: Vec<_> = std::iter::from_fn(|| supervisor.reader.next_record()).collect();
+        assert!(records.windows(2).all(|pair| pair[1].sequence == pair[0].sequence + 1));
+        records
+    }
+
+    fn force_n(records: &[Published]) -> f64 {
+        let forces: Vec<f64> =
+            records.iter().filter_map(|record| Some(record.outcome.ok()?.wrench.force_n.norm())).collect();
+        assert!(forces.len() > 90, "{} of {} are valid", forces.len(), records.len());
+        forces.iter().sum::<f64>() / forces.len() as f64
+    }
+
+    #[test]
+    fn a_bad_model_changes_nothing_and_a_good_one_is_taken_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut daemon, sender) = daemon(folder.path());
+        let mut arm = simulator(&daemon.loaded.rig, 1000.0);
+        let weight_n = 0.4 * 9.80665;
+        assert!((force_n(&published(&mut daemon, &sender, &mut arm)) / weight_n - 1.0).abs() < 0.05);
+        let (hash, file) = (daemon.loaded.model_sha256.clone(), folder.path().join("model.toml"));
+        let good = fs::read_to_string(&file).unwrap();
+        for bad in [&good[..good.len() / 2], &good.replace("section_8", "section_7"), ""] {
+            fs::write(&file, bad).unwrap();
+            daemon.reload();
+            assert_eq!(daemon.loaded.model_sha256, hash);
+        }
+        fs::remove_file(&file).unwrap();
+        daemon.reload();
+        let last = published(&mut daemon, &sender, &mut arm);
+        assert!((force_n(&last) / weight_n - 1.0).abs() < 0.05, "the old model goes on");
+        // A model of the same arm with other biases gives another wrench: it was really exchanged.
+        let (robot, mut shifted) = (rig(PublishMode::Event), truth(&rig(PublishMode::Event)));
+        for gauge in &mut shifted.gauges {
+            gauge.bias_counts += 1e5;
+        }
+        fs::write(&file, model(&robot, &shifted).to_toml()).unwrap();
+        daemon.reload();
+        assert_ne!(daemon.loaded.model_sha256, hash);
+        let next = published(&mut daemon, &sender, &mut arm);
+        assert_eq!(next[0].sequence, last[last.len() - 1].sequence + 1, "the sequence counts on");
+        let end = &next[next.len() - 1];
+        assert!(end.outcome.is_ok_and(|s| (s.wrench.force_n.norm() / weight_n - 1.0).abs() > 0.5));
+        let Supervisor { runner, health, .. } = daemon;
+        runner.stop().unwrap();
+        assert_eq!(health.totals().lost_frames, 0);
+    }
+
+    #[test]
+    fn a_standing_cycle_does_not_feed_the_watchdog() {
+        let (mut watch, health) = (Watch::new(), Health::default());
+        health.store(&Totals { turns: 5, ..Totals::default() });
+        assert!(watch.feed(&health));
+        assert!(!watch.feed(&health));
+        health.store(&Totals { turns: 6, ..Totals::default() });
+        assert!(watch.feed(&health));
     }
 }
