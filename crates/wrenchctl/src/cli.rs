@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 
-use crate::commands::{calibrate, check, validate};
+use crate::commands::{calibrate, check, demo, dump, record, replay, simulate, stats, validate};
 
 /// End-effector wrench from joint torque sensors: calibrate, check, record, replay, simulate
 #[derive(Parser, Debug)]
@@ -21,10 +21,22 @@ pub struct Cli {
 /// Everything that a person types.
 #[derive(Subcommand, Debug)]
 pub enum Command {
+    /// Simulated arm, bus and daemon on this machine, nothing to set up: live wrench beside the truth
+    Demo(demo::Args),
     /// Check configuration, URDF, DBC and model against each other; print the planned bus load
     Check(check::Args),
+    /// Print frames as candump does, decoded when a configuration is given
+    Dump(dump::Args),
+    /// Rates, gaps, jitter, errors and bus load of an interface or a log
+    Stats(stats::Args),
+    /// Put a recording on a CAN interface with its own timing
+    Replay(replay::Args),
+    /// Record live interfaces into a run directory
+    Record(record::Args),
     /// Find each gauge's actual sensing frame from recordings; write the model
     Calibrate(calibrate::Args),
     /// Score the wrench of recordings against their truth
     Validate(validate::Args),
+    /// Make a run directory from the simulator, with the truth beside it
+    Simulate(simulate::Args),
 }

@@ -25,6 +25,9 @@ pub enum Error {
     /// A calibration or validation without an answer.
     #[error(transparent)]
     Calibration(#[from] calibration::Error),
+    /// A simulation that cannot be made.
+    #[error(transparent)]
+    Sim(#[from] sim::SimError),
     /// Arguments that do not go together, or ask for what there is not: fact, value, what to do.
     #[error("{0}")]
     Usage(String),

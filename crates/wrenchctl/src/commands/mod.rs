@@ -2,7 +2,15 @@
 
 pub mod calibrate;
 pub mod check;
+pub mod demo;
+pub mod dump;
+pub mod record;
+pub mod replay;
+pub mod simulate;
+pub mod stats;
 pub mod validate;
+
+use std::time::Duration;
 
 use crate::cli::Command;
 use crate::{Error, Outcome};
@@ -11,7 +19,27 @@ use crate::{Error, Outcome};
 pub fn run(command: Command) -> Result<Outcome, Error> {
     match command {
         Command::Check(args) => check::run(args),
+        Command::Demo(args) => demo::run(args),
+        Command::Simulate(args) => simulate::run(args),
+        Command::Dump(args) => dump::run(args),
+        Command::Stats(args) => stats::run(args),
+        Command::Replay(args) => replay::run(args),
+        Command::Record(args) => record::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Validate(args) => validate::run(args),
     }
+}
+
+/// A time in seconds, more than nothing.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse::<f64>().ok().filter(|seconds| *seconds > 0.0 && *seconds < 1e9);
+    let seconds = seconds.ok_or("give a number of seconds above 0, such as 10 or 0.5")?;
+    Ok(Duration::from_secs_f64(seconds))
+}
+
+/// A file without a single frame.
+fn no_log(name: &str, lines: u64) -> Error {
+    Error::usage(format!(
+        "{name}: none of its {lines} lines is a candump line, `(seconds.micros) interface ID#DATA`; record with `candump -L` or `wrenchctl record`"
+    ))
 }

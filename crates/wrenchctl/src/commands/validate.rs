@@ -93,9 +93,9 @@ fn summary(result: &Validation, out: &mut impl Write) -> Result<(), Error> {
             v.map_or_else(|| "-".to_owned(), |v| format!("{:.digits$}", v * factor))
         };
         let axis = |k: usize| number(score.force_rms_n.map(|f| f[k]), 1.0, 4);
-        let nees = score.nees.map_or_else(String::new, |n| {
-            n.iter().map(|v| format!("{v:.2}")).collect::<Vec<_>>().join(" ")
-        });
+        let nees = score
+            .nees
+            .map_or_else(String::new, |n| n.iter().map(|v| format!("{v:.2}")).collect::<Vec<_>>().join(" "));
         table.row([
             name.to_owned(),
             score.n.to_string(),
