@@ -161,9 +161,11 @@ impl MotionTracker {
     /// that is not known.
     pub fn track(&mut self, snapshot: &Snapshot) -> Result<(&[JointMotion], Status), usize> {
         let mut status = Status::GOOD;
+        let mut unknown = None;
+        // Every filter is fed, whatever the others lack: a joint that comes back must find its neighbours warm.
         for (k, filter) in self.filters.iter_mut().enumerate() {
             let joint = &snapshot.joints[k];
-            match joint.position {
+            let known = match joint.position {
                 Ok(position) => {
                     filter.measure(position.at_ns, position.value);
                     if let Ok(velocity) = joint.velocity
@@ -172,19 +174,24 @@ impl MotionTracker {
                     {
                         filter.measure_velocity(velocity.value, self.velocity_sigmas[k]);
                     }
+                    true
                 }
                 // One lost frame: carried on from those before, with the uncertainty that brings.
                 Err(Absence::Missed | Absence::Repeated | Absence::WrongLength) => {
                     status = status.with(Status::STALE);
+                    true
                 }
-                Err(_) => return Err(k),
-            }
-            match filter.motion(snapshot.instant_ns) {
+                Err(_) => false,
+            };
+            match filter.motion(snapshot.instant_ns).filter(|_| known) {
                 Some(motion) => self.motion[k] = motion,
-                None => return Err(k),
+                None => unknown = unknown.or(Some(k)),
             }
         }
-        Ok((&self.motion, status))
+        match unknown {
+            None => Ok((&self.motion, status)),
+            Some(k) => Err(k),
+        }
     }
 
     /// The wrench of the next snapshot.

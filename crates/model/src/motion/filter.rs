@@ -1,12 +1,17 @@
 //! The causal filter of one joint, for the cycle: bounded work, no allocation.
 
 use super::kalman::{State, UNIT_S, inner_density, mixture, transition, unit_process};
-use super::{DWELL_S, JointMotion, SNAP_DENSITIES};
+use super::{DWELL_S, JointMotion, REST_S, SNAP_DENSITIES};
 
-const MODELS: usize = SNAP_DENSITIES.len();
+/// At rest, and moving with each strength of snap.
+const MODELS: usize = 1 + SNAP_DENSITIES.len();
 
 /// After a longer silence than this the motion starts anew from the next position, ns.
 const FORGET_NS: i64 = 500_000_000;
+
+/// Readings before a motion is known: position, velocity, acceleration and jerk take one each, and one that tells
+/// whether they predict anything.
+const NEEDED: u8 = 5;
 
 /// Motion of one joint from its position readings so far: a bank of Kalman filters mixed by how well each predicts.
 #[derive(Clone, Debug)]
@@ -15,6 +20,8 @@ pub struct MotionFilter {
     weights: [f64; MODELS],
     encoder_variance_rad2: f64,
     at_ns: Option<i64>,
+    /// Readings since the start, up to [`NEEDED`].
+    readings: u8,
 }
 
 impl MotionFilter {
@@ -26,6 +33,7 @@ impl MotionFilter {
             weights: [1.0 / MODELS as f64; MODELS],
             encoder_variance_rad2: variance,
             at_ns: None,
+            readings: 0,
         }
     }
 
@@ -38,6 +46,7 @@ impl MotionFilter {
             _ => self.restart(position_rad),
         }
         self.at_ns = Some(at_ns);
+        self.readings = (self.readings + 1).min(NEEDED);
         let mut fit = [0.0; MODELS];
         for (state, fit) in self.states.iter_mut().zip(&mut fit) {
             *fit = state.measure(0, position_rad, self.encoder_variance_rad2);
@@ -55,15 +64,15 @@ impl MotionFilter {
         self.reweigh(&fit);
     }
 
-    /// Motion at `at_ns`, carried on from the last reading; `None` before the first one.
+    /// Motion at `at_ns`, carried on from the last reading; `None` while there are too few to know it.
     pub fn motion(&self, at_ns: i64) -> Option<JointMotion> {
-        let last = self.at_ns?;
+        let last = self.at_ns.filter(|_| self.readings == NEEDED)?;
         let state = mixture(&self.states, &self.weights);
         if at_ns <= last {
             return Some(state.motion());
         }
         let step = (at_ns - last) as f64 * 1e-9 / UNIT_S;
-        let density: f64 = self.weights.iter().zip(&SNAP_DENSITIES).map(|(w, s)| w * s).sum();
+        let density: f64 = self.weights[1..].iter().zip(&SNAP_DENSITIES).map(|(w, s)| w * s).sum();
         let process = unit_process(step) * inner_density(density);
         Some(state.predicted(&transition(step), &process).motion())
     }
@@ -71,34 +80,29 @@ impl MotionFilter {
     fn restart(&mut self, position_rad: f64) {
         self.states = [State::from_position(position_rad, self.encoder_variance_rad2); MODELS];
         self.weights = [1.0 / MODELS as f64; MODELS];
+        self.readings = 0;
     }
 
-    /// Mixes the filters by the chance that the strength of snap changed, then predicts each over `step_ns`.
+    /// Mixes the filters by the chance that what the joint does has changed, then predicts each over `step_ns`.
     fn advance(&mut self, step_ns: i64) {
         let step_s = step_ns as f64 * 1e-9;
-        let leave = 1.0 - (-step_s / DWELL_S).exp();
-        // chance[i][k]: from strength i to its neighbour k, or staying.
-        let chance = |i: usize, k: usize| -> f64 {
-            let neighbours = if i == 0 || i == MODELS - 1 { 1.0 } else { 2.0 };
-            match i.abs_diff(k) {
-                0 => 1.0 - leave,
-                1 => leave / neighbours,
-                _ => 0.0,
-            }
-        };
-        let transition = transition(step_s / UNIT_S);
-        let process = unit_process(step_s / UNIT_S);
+        let chances = chances(step_s);
+        let step = step_s / UNIT_S;
+        let (transition, process) = (transition(step), unit_process(step));
         let before = self.states;
         let mut expected = [0.0; MODELS];
         for k in 0..MODELS {
             let mut share = [0.0; MODELS];
             for i in 0..MODELS {
-                share[i] = self.weights[i] * chance(i, k);
+                share[i] = self.weights[i] * chances[i][k];
                 expected[k] += share[i];
             }
             share.iter_mut().for_each(|w| *w /= expected[k]);
-            self.states[k] = mixture(&before, &share)
-                .predicted(&transition, &(process * inner_density(SNAP_DENSITIES[k])));
+            let mixed = mixture(&before, &share);
+            self.states[k] = match k.checked_sub(1) {
+                None => mixed.resting(step),
+                Some(k) => mixed.predicted(&transition, &(process * inner_density(SNAP_DENSITIES[k]))),
+            };
         }
         self.weights = expected;
     }
@@ -117,6 +121,24 @@ impl MotionFilter {
         }
         self.weights.iter_mut().for_each(|w| *w /= total);
     }
+}
+
+/// `chances[i][k]`: that a joint in mode i is in mode k after `step_s`. From rest to any strength of snap alike; from one
+/// strength to those beside it or to rest.
+fn chances(step_s: f64) -> [[f64; MODELS]; MODELS] {
+    let wake = 1.0 - (-step_s / REST_S).exp();
+    let change = 1.0 - (-step_s / DWELL_S).exp();
+    let mut chances = [[0.0; MODELS]; MODELS];
+    chances[0] = [wake / (MODELS - 1) as f64; MODELS];
+    chances[0][0] = 1.0 - wake;
+    for i in 1..MODELS {
+        let beside = [i - 1, i + 1].into_iter().filter(|k| (1..MODELS).contains(k));
+        let share = change / (1 + beside.clone().count()) as f64;
+        beside.for_each(|k| chances[i][k] = share);
+        chances[i][0] = share;
+        chances[i][i] = 1.0 - change;
+    }
+    chances
 }
 
 #[cfg(test)]
@@ -166,21 +188,32 @@ mod tests {
             filter.measure(k * 8_000_000, 1.0 + sigma * noise.next());
         }
         let m = filter.motion(999 * 8_000_000).unwrap();
-        assert!(m.acceleration_rad_s2.abs() < 0.15 && m.covariance[(2, 2)].sqrt() < 0.1, "{m:?}");
+        assert!(m.acceleration_rad_s2.abs() < 0.02 && m.covariance[(2, 2)].sqrt() < 0.02, "{m:?}");
     }
 
     #[test]
     fn starts_anew_after_silence_and_when_the_clock_is_set_back() {
         let mut filter = MotionFilter::new(1e-5);
         assert!(filter.motion(0).is_none());
-        filter.measure(0, 1.0);
-        filter.measure(8_000_000, 1.01);
-        filter.measure(4_000_000, 5.0);
-        assert!((filter.motion(8_000_000).unwrap().position_rad - 1.01).abs() < 1e-4, "older reading ignored");
+        let settle = |filter: &mut MotionFilter, from_ns: i64, at_rad: f64| {
+            for k in 0..i64::from(NEEDED) {
+                let now = from_ns + k * 8_000_000;
+                assert!(filter.motion(now).is_none(), "too few readings");
+                filter.measure(now, at_rad);
+                filter.measure(now - 4_000_000, 5.0); // older than the last: ignored
+            }
+            let now = from_ns + i64::from(NEEDED - 1) * 8_000_000;
+            assert!((filter.motion(now).unwrap().position_rad - at_rad).abs() < 1e-4);
+        };
+        settle(&mut filter, 0, 1.0);
+        // The first reading after silence starts anew; that it came is not known before it is measured.
         filter.measure(2_000_000_000, -3.0);
-        assert!((filter.motion(2_000_000_000).unwrap().position_rad + 3.0).abs() < 1e-9);
         filter.measure(-9_000_000_000, 2.0);
-        assert!((filter.motion(-9_000_000_000).unwrap().position_rad - 2.0).abs() < 1e-9);
+        assert!(filter.motion(-9_000_000_000).is_none());
+        for k in 1..i64::from(NEEDED) {
+            filter.measure(-9_000_000_000 + k * 8_000_000, 2.0);
+        }
+        assert!((filter.motion(-8_968_000_000).unwrap().position_rad - 2.0).abs() < 1e-4);
     }
 
     #[test]

@@ -35,6 +35,23 @@ impl State {
         }
     }
 
+    /// The state `step` inner time units later if the joint is at rest: it stays, but for what a held joint creeps.
+    pub(super) fn resting(&self, step: f64) -> Self {
+        const CREEP_RAD_S: f64 = 1e-5;
+        const SHIVER_RAD_S2: f64 = 1e-3;
+        let (velocity, acceleration) = (CREEP_RAD_S * UNIT_S, SHIVER_RAD_S2 * UNIT_S.powi(2));
+        let variances = Vector4::new(
+            self.covariance[(0, 0)] + (velocity * step).powi(2),
+            velocity.powi(2),
+            acceleration.powi(2),
+            acceleration.powi(2),
+        );
+        Self {
+            mean: Vector4::new(self.mean[0], 0.0, 0.0, 0.0),
+            covariance: Matrix4::from_diagonal(&variances),
+        }
+    }
+
     /// Takes in a measurement of one state; returns the log-likelihood of what was measured.
     pub(super) fn measure(&mut self, index: usize, value: f64, variance: f64) -> f64 {
         let column = self.covariance.column(index).into_owned();

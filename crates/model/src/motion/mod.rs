@@ -3,7 +3,7 @@
 //! The gauges feel inertia, so the wrench needs accelerations, and an encoder differentiated twice is mostly noise. Each
 //! joint's motion is a chain of integrators driven by white snap (the fourth derivative of position). How strong
 //! that snap is differs by many decades between a held pose and a fast move, so a small bank of Kalman filters
-//! runs side by side, one for each strength, mixed as an interacting multiple model (Blom and
+//! runs side by side, one for each strength and one for a joint at rest, mixed as an interacting multiple model (Blom and
 //! Bar-Shalom, IEEE Trans. Automatic Control 33(8), 1988). The mixture's covariance holds the doubt about which applies.
 //!
 //! [`MotionFilter`] is causal and runs in the cycle; [`smooth`] uses the whole recording and is for offline work.
@@ -37,10 +37,12 @@ impl JointMotion {
     }
 }
 
-/// Spectral densities of the driving snap, rad^2/s^7: from a held pose to a violent move. The
-/// lowest leaves an acceleration uncertainty of some 0.02 rad/s^2 with a 20 urad encoder at 125 Hz, the
-/// highest follows a 20 rad/s^2 reversal within a few samples.
-const SNAP_DENSITIES: [f64; 6] = [1.0, 3e1, 1e3, 3e4, 1e6, 1e8];
+/// Spectral densities of the driving snap of a moving joint, rad^2/s^7: from a creep to a violent move. The highest follows
+/// a reversal of tens of rad/s^2 within a few samples.
+const SNAP_DENSITIES: [f64; 5] = [1e1, 3e2, 1e4, 3e5, 1e7];
 
-/// Mean time that a joint stays with one strength of snap, s.
+/// Mean time that a moving joint stays with one strength of snap, s.
 const DWELL_S: f64 = 0.25;
+
+/// Mean time that a joint at rest stays there, s: robots hold poses, and rest is left only on evidence.
+const REST_S: f64 = 40.0;

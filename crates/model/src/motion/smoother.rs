@@ -1,8 +1,11 @@
 //! Motion from the whole recording: Rauch-Tung-Striebel smoothing, blended over strengths of snap.
 
 use super::kalman::{State, UNIT_S, inner_density, transition, unit_process};
-use super::{JointMotion, SNAP_DENSITIES};
+use super::JointMotion;
 use nalgebra::{Cholesky, Matrix4};
+
+/// Spectral densities of the driving snap that are blended, rad^2/s^7: from a held pose to a violent move.
+const DENSITIES: [f64; 6] = [1.0, 3e1, 1e3, 3e4, 1e6, 1e8];
 
 /// Gaps longer than this cut the recording into pieces smoothed on their own, ns.
 const CUT_NS: i64 = 500_000_000;
@@ -31,7 +34,7 @@ pub fn smooth(at_ns: &[i64], positions_rad: &[f64], encoder_sigma_rad: f64) -> V
 fn smooth_piece(at_ns: &[i64], positions_rad: &[f64], sigma_rad: f64, out: &mut Vec<JointMotion>) {
     let variance = sigma_rad * sigma_rad;
     let passes: Vec<Pass> =
-        SNAP_DENSITIES.iter().map(|s| Pass::run(at_ns, positions_rad, variance, inner_density(*s))).collect();
+        DENSITIES.iter().map(|s| Pass::run(at_ns, positions_rad, variance, inner_density(*s))).collect();
     let scores: Vec<Vec<f64>> = passes.iter().map(|p| local_mean(at_ns, &p.fit)).collect();
     for k in 0..at_ns.len() {
         let best = scores.iter().map(|s| s[k]).fold(f64::NEG_INFINITY, f64::max);
