@@ -39,8 +39,8 @@ pub struct Sinks {
     totals: Totals,
     /// Round of the last estimate published, so that each counts once in the latency.
     last_round: Option<u64>,
-    /// Counts of outputs that were replaced.
-    replaced: (u64, u64),
+    /// What outputs and engines that were replaced had counted.
+    replaced: Totals,
 }
 
 /// Source, engine and outputs of one cycle.
@@ -57,7 +57,14 @@ pub struct Station<S> {
 impl Sinks {
     /// To these outputs and this ring, counted in `health`.
     pub fn new(outputs: Vec<Box<dyn Output>>, feed: FeedWriter, health: Arc<Health>) -> Self {
-        Self { outputs, feed, health, totals: Totals::default(), last_round: None, replaced: (0, 0) }
+        Self {
+            outputs,
+            feed,
+            health,
+            totals: Totals::default(),
+            last_round: None,
+            replaced: Totals::default(),
+        }
     }
 
     fn publish(&mut self, record: &Published) {
@@ -168,10 +175,9 @@ impl<S: Source> Station<S> {
     /// to be freed elsewhere.
     pub fn exchange(&mut self, engine: &mut Engine, rate_hz: f64, outputs: &mut Vec<Box<dyn Output>>) {
         engine.continue_from(&self.engine);
+        self.note();
+        self.sinks.replaced = self.sinks.totals;
         std::mem::swap(&mut self.engine, engine);
-        let (sent, dropped) = self.sinks.output_counts();
-        self.sinks.replaced.0 += sent;
-        self.sinks.replaced.1 += dropped;
         std::mem::swap(&mut self.sinks.outputs, outputs);
         self.sinks.last_round = None;
         self.rate_hz = rate_hz;
@@ -182,8 +188,9 @@ impl<S: Source> Station<S> {
         let rounds = self.engine.cycle().assembler().counts();
         let (sent, dropped) = self.sinks.output_counts();
         let Sinks { totals, health, replaced, .. } = &mut self.sinks;
-        (totals.sent, totals.unsent) = (replaced.0 + sent, replaced.1 + dropped);
-        (totals.rounds, totals.complete_rounds) = (rounds.rounds, rounds.complete_rounds);
+        (totals.sent, totals.unsent) = (replaced.sent + sent, replaced.unsent + dropped);
+        totals.rounds = replaced.rounds + rounds.rounds;
+        totals.complete_rounds = replaced.complete_rounds + rounds.complete_rounds;
         health.store(totals);
     }
 }

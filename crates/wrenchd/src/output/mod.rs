@@ -1,4 +1,4 @@
-//! Outputs that publish from inside the cycle; each is one file here and one line in [`OPENERS`].
+//! Outputs that publish from inside the cycle; each is one file here and one line in `OPENERS`.
 //!
 //! Outputs that need not be on time, or that cannot promise not to wait, read a [`crate::feed::Feed`] instead.
 

@@ -51,8 +51,11 @@ pub fn run(options: &Options) -> Result<ExitCode, StartError> {
         None => (Box::new(source), None),
     };
     // Held to the end.
-    let rights = (realtime::no_deep_sleep(), realtime::lock_memory());
-    for refused in [rights.0.as_ref().err(), rights.1.as_ref().err()].into_iter().flatten() {
+    let awake = realtime::no_deep_sleep();
+    if let Err(refused) = &awake {
+        tracing::info!("{refused}");
+    }
+    if let Err(refused) = realtime::lock_memory() {
         tracing::warn!("{refused}");
     }
     let health = std::sync::Arc::new(Health::default());

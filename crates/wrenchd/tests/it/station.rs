@@ -7,7 +7,7 @@ use can::channel::channel;
 use rig::config::PublishMode;
 use wrenchd::engine::Engine;
 use wrenchd::feed::{FeedReader, feed};
-use wrenchd::health::Health;
+use wrenchd::health::{Health, Totals};
 use wrenchd::output::{Output, OutputCounts};
 use wrenchd::published::{Published, Why};
 use wrenchd::runner::Runner;
@@ -117,12 +117,14 @@ fn an_exchange_keeps_counting() {
     world.station.exchange(&mut other, 1000.0, &mut outputs);
     assert_eq!((other.mode(), outputs.len()), (PublishMode::Fixed, 1), "the old parts are handed back");
     let before = world.records().len() as u64;
-    let sent = world.health.totals().sent;
+    let Totals { sent, rounds, .. } = world.health.totals();
     world.turn_until(0.4);
     let after = world.records();
     assert_eq!(after[0].sequence, before);
     assert!(after.iter().filter(|r| r.is_valid()).count() > 190);
-    assert_eq!(world.health.totals().sent, sent, "what the old output sent still counts, the new has none");
+    let totals = world.health.totals();
+    assert!(totals.rounds > rounds + 190 && totals.complete_rounds <= totals.rounds, "{totals:?}");
+    assert_eq!(totals.sent, sent, "what the old output sent still counts, the new has none");
 }
 
 #[test]
