@@ -351,7 +351,7 @@ mod tests {
         // A model of the same arm with other biases gives another wrench: it was really exchanged.
         let (robot, mut shifted) = (rig(PublishMode::Event), truth(&rig(PublishMode::Event)));
         for gauge in &mut shifted.gauges {
-            gauge.bias_counts += 1e5;
+            gauge.bias_counts += 3e6;
         }
         fs::write(&file, model(&robot, &shifted).to_toml()).unwrap();
         daemon.reload();
@@ -363,8 +363,11 @@ mod tests {
         }
         let next = published(&mut daemon, &sender, &mut arm);
         assert!(next[0].sequence > last[last.len() - 1].sequence, "the sequence counts on");
-        let end = &next[next.len() - 1];
-        assert!(end.outcome.is_ok_and(|s| (s.wrench.force_n.norm() / weight_n - 1.0).abs() > 0.5));
+        let forces: Vec<f64> =
+            next.iter().filter_map(|r| Some(r.outcome.ok()?.wrench.force_n.norm())).collect();
+        // The first instants after a start are uncertain by themselves; then the biases tell.
+        let far = forces.iter().skip(50).filter(|force_n| (*force_n / weight_n - 1.0).abs() > 0.5).count();
+        assert!(far > 40 && far == forces.len() - 50, "{far} of {} show the other biases", forces.len());
         let Supervisor { runner, health, .. } = daemon;
         runner.stop().unwrap();
         assert_eq!(health.totals().lost_frames, 0);
