@@ -7,7 +7,7 @@ use model::chain::JointKind;
 use rig::binding::{BitRates, Direction};
 use rig::config::SignalName;
 use rig::model_file::Sensor;
-use rig::{ModelFile, Rig};
+use rig::{ModelFile, Rig, RigError};
 
 use crate::output::{self, Side, Table};
 use crate::{Error, Outcome};
@@ -47,7 +47,8 @@ impl RateArgs {
 /// Checks, and prints what was found.
 pub fn run(args: Args) -> Result<Outcome, Error> {
     let rig = Rig::load_file(&args.config)?;
-    let mut out = output::stdout();
+    // Printed once all files could be read: unusable input has its one message and nothing else.
+    let mut out = Vec::new();
     writeln!(out, "{}", args.config.display())?;
     arm(&rig, &mut out)?;
     joints_and_sensors(&rig, &mut out)?;
@@ -56,15 +57,18 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
         writeln!(out, "warning: {warning}")?;
     }
     let model = args.model.or_else(|| rig.config.model.as_ref().map(|model| model.path.clone()));
-    let belongs = match model {
+    let refusal = match model {
         Some(path) => model_of(&rig, &path, &mut out)?,
         None => {
             writeln!(out, "model    none configured; `wrenchctl calibrate` makes one")?;
-            true
+            None
         }
     };
-    out.flush()?;
-    Ok(if fits && belongs { Outcome::Done } else { Outcome::No })
+    output::write_file(Path::new("-"), &out)?;
+    if let Some(refusal) = &refusal {
+        output::note(format_args!("{refusal}"));
+    }
+    Ok(if fits && refusal.is_none() { Outcome::Done } else { Outcome::No })
 }
 
 fn arm(rig: &Rig, out: &mut impl Write) -> Result<(), Error> {
@@ -169,17 +173,13 @@ fn bus(rig: &Rig, rates: BitRates, out: &mut impl Write) -> Result<bool, Error> 
     Ok(fits)
 }
 
-/// The model; whether it belongs to the arm. One that cannot be read at all is an error.
-fn model_of(rig: &Rig, path: &Path, out: &mut impl Write) -> Result<bool, Error> {
+/// The model, or why it is not this arm's. One that cannot be read at all is an error.
+fn model_of(rig: &Rig, path: &Path, out: &mut impl Write) -> Result<Option<RigError>, Error> {
     let text = std::fs::read_to_string(path).unwrap_or_default();
     let readable = ModelFile::parse(path, &text);
     let model = match ModelFile::load(path, rig) {
         Ok(model) => model,
-        Err(refusal) if readable.is_ok() => {
-            out.flush()?;
-            output::note(format_args!("{refusal}"));
-            return Ok(false);
-        }
+        Err(refusal) if readable.is_ok() => return Ok(Some(refusal)),
         Err(unusable) => return Err(unusable.into()),
     };
     let from = &model.provenance;
@@ -201,29 +201,13 @@ fn model_of(rig: &Rig, path: &Path, out: &mut impl Write) -> Result<bool, Error>
             writeln!(out, "warning: {} does not know {}; {}", sensor.name, unseen.words, unseen.remedy)?;
         }
     }
-    Ok(true)
+    Ok(None)
 }
 
 /// The gauges' actual sensing frames and crosstalk, one row a gauge.
 fn crosstalk(model: &ModelFile) -> Table {
-    let mut table = Table::new(&[Side::Left; 1], 2);
-    if model.sensors.is_empty() {
-        return table;
-    }
-    table = Table::new(
-        &[
-            Side::Left,
-            Side::Right,
-            Side::Right,
-            Side::Right,
-            Side::Right,
-            Side::Right,
-            Side::Right,
-            Side::Right,
-            Side::Right,
-        ],
-        2,
-    );
+    let sides: Vec<Side> = [Side::Left].into_iter().chain([Side::Right; 8]).collect();
+    let mut table = Table::new(&sides, 2);
     table.row([
         "gauge",
         "crosstalk",

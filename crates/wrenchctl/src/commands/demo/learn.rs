@@ -33,10 +33,9 @@ pub(super) fn calibrate(
     let recording = record(rig, truth, &scenario, seed)?;
     writeln!(
         out,
-        "calibrating {} gauges from {:.0} s of simulated poses: bare, with {} at {} points, pushed under a reference sensor",
+        "calibrating {} gauges from {:.0} s of simulated poses: bare, with weights at {} points, pushed",
         truth.gauges.len(),
         scenario.duration_s(),
-        plan.weights.first().map_or_else(|| "nothing".into(), |(mass_kg, _)| format!("{mass_kg} kg")),
         plan.weights.len()
     )?;
     let date = humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string();
@@ -86,20 +85,9 @@ fn reference(simulator: &Simulator, scenario: &Scenario, seed: u64) -> Result<Op
 
 /// What was found beside what is true.
 fn table(model: &ModelFile, truth: &Truth) -> Table {
-    let sides = [Side::Left].into_iter().chain([Side::Right; 9]).collect::<Vec<_>>();
+    let sides = [Side::Left].into_iter().chain([Side::Right; 7]).collect::<Vec<_>>();
     let mut table = Table::new(&sides, 2);
-    table.row([
-        "gauge",
-        "crosstalk %",
-        "true",
-        "counts/Nm",
-        "true",
-        "a_x deg",
-        "true",
-        "a_y deg",
-        "true",
-        "worst sigma",
-    ]);
+    table.row(["gauge", "crosstalk %", "true", "tilt deg", "true", "counts/Nm", "true", "worst sigma"]);
     for (sensor, gauge) in model.sensors.iter().zip(&truth.gauges) {
         let shown = |value: Option<f64>, digits: usize| {
             value.map_or_else(|| "unknown".into(), |value| format!("{value:.digits$}"))
@@ -109,16 +97,23 @@ fn table(model: &ModelFile, truth: &Truth) -> Table {
             sensor.name.clone(),
             shown(sensor.crosstalk_percent, 2),
             shown(Some(gauge.compliance.crosstalk_percent(LENGTH_M)), 2),
+            shown(tilt_rad(found.a_x_rad, found.a_y_rad).map(f64::to_degrees), 3),
+            shown(
+                real.and_then(|frame| tilt_rad(Some(frame.a_x_rad), Some(frame.a_y_rad)))
+                    .map(f64::to_degrees),
+                3,
+            ),
             shown(found.r_counts_per_nm, 0),
             shown(real.map(|frame| frame.r_counts_per_nm), 0),
-            shown(found.a_x_rad.map(f64::to_degrees), 2),
-            shown(real.map(|frame| frame.a_x_rad.to_degrees()), 2),
-            shown(found.a_y_rad.map(f64::to_degrees), 2),
-            shown(real.map(|frame| frame.a_y_rad.to_degrees()), 2),
             shown(worst_sigma(sensor, gauge), 1),
         ]);
     }
     table
+}
+
+/// Angle between the nominal and the actual sensing axis, rad: R3 has the z component cos a_x cos a_y.
+fn tilt_rad(a_x_rad: Option<f64>, a_y_rad: Option<f64>) -> Option<f64> {
+    Some((a_x_rad?.cos() * a_y_rad?.cos()).clamp(-1.0, 1.0).acos())
 }
 
 /// The largest deviation of the seven numbers of a gauge from the truth, in standard deviations.

@@ -167,11 +167,11 @@ impl Watch {
         let interrupted = crate::live::interrupted();
         let names = rig.config.sensors.iter().map(|sensor| sensor.name.clone()).collect();
         let mut view = View::new(names);
-        let mut published = VecDeque::from([(0.0, self.live.totals().published)]);
+        let mut published = VecDeque::from([(self.elapsed_s(clock), self.live.totals().published)]);
         let (mut show_at_s, mut nominal_at) = (FIRST_LOOK_S, Instant::now());
         let mut nominal = None;
         loop {
-            let elapsed_s = (clock.now().realtime_ns - self.start_ns) as f64 * 1e-9;
+            let elapsed_s = self.elapsed_s(clock);
             if elapsed_s >= length.as_secs_f64()
                 || interrupted.load(Ordering::Relaxed)
                 || self.live.has_ended()
@@ -205,6 +205,11 @@ impl Watch {
             };
             view.show(&shown, out)?;
         }
+    }
+
+    /// Since the simulated beginning, s.
+    fn elapsed_s(&self, clock: SystemClock) -> f64 {
+        (clock.now().realtime_ns - self.start_ns) as f64 * 1e-9
     }
 
     /// Takes in what was published and received since the last look; the newest record.
@@ -258,16 +263,10 @@ fn tell(verdict: &Verdict, out: &mut impl Write) -> Result<(), Error> {
         verdict.rms.1
     )?;
     if let Some((force_n, moment_nm)) = verdict.nominal_rms {
-        writeln!(
-            out,
-            "with nominal axes, as if there were no crosstalk: {force_n:.3} N and {moment_nm:.4} Nm"
-        )?;
+        writeln!(out, "with nominal axes, as if without crosstalk: {force_n:.3} N and {moment_nm:.4} Nm")?;
     }
     let sigmas = verdict.sigmas.map(|sigmas| format!("{sigmas:.2}")).join(" ");
-    writeln!(
-        out,
-        "error over reported standard deviation, RMS of fx fy fz tx ty tz: {sigmas} (limit {LIMIT_SIGMA})"
-    )?;
+    writeln!(out, "error over sigma, RMS of fx fy fz tx ty tz: {sigmas} (limit {LIMIT_SIGMA})")?;
     let agrees = if verdict.agrees() { "agrees" } else { "DOES NOT AGREE" };
     writeln!(out, "the published wrench {agrees} with the truth")?;
     if verdict.valid < LEAST_VALID {

@@ -66,14 +66,13 @@ impl Flow {
         let first = self.frames == 0;
         self.frames += 1;
         self.len = (self.len.0.min(frame.len()), self.len.1.max(frame.len()));
-        if self.expected_len.is_some_and(|len| len != frame.len()) {
-            self.wrong_length = self.wrong_length.map(|count| count + 1);
-            return;
-        }
+        let wrong_length = self.expected_len.is_some_and(|len| len != frame.len());
         let interval_s = (stamped.stamp_ns - self.last_ns) as f64 * 1e-9;
         let same = !first && self.last_data == *frame.padded();
         let mut late = !first && interval_s < 0.0;
-        if let Some((spec, sequence)) = &mut self.counter {
+        if wrong_length {
+            self.wrong_length = self.wrong_length.map(|count| count + 1);
+        } else if let Some((spec, sequence)) = &mut self.counter {
             if spec.present(frame.padded()) {
                 match sequence.observe(spec.field.extract(frame.padded())) {
                     Step::Gap(_) | Step::First | Step::Next => {}

@@ -103,6 +103,8 @@ struct Bus {
     downs: u64,
     first_ns: Option<i64>,
     last_ns: i64,
+    /// Time on the wire of the first frame, s: stamps are frames' ends
+    first_s: (f64, f64),
     /// Time on the wire with no and with most stuff bits, s
     busy_s: (f64, f64),
     window: i64,
@@ -165,6 +167,9 @@ impl Stats {
 impl Bus {
     fn frame(&mut self, stamp_ns: i64, wire_s: (f64, f64)) {
         self.frames += 1;
+        if self.first_ns.is_none() {
+            self.first_s = wire_s;
+        }
         self.first_ns.get_or_insert(stamp_ns);
         self.last_ns = self.last_ns.max(stamp_ns);
         let window = stamp_ns.div_euclid(WINDOW_NS);

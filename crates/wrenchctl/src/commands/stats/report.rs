@@ -122,9 +122,8 @@ impl Report {
 fn interface(bus: &super::Bus, name: &str) -> Interface {
     let span_s = bus.first_ns.map_or(0.0, |first_ns| (bus.last_ns - first_ns) as f64 * 1e-9);
     let window_s = WINDOW_NS as f64 * 1e-9;
-    let percent = |(least, most): (f64, f64), of_s: f64| {
-        (of_s > 0.0).then(|| [100.0 * least / of_s, 100.0 * most / of_s])
-    };
+    // From the beginning of the first frame to the end of the last.
+    let (least, most) = (bus.busy_s.0 / (span_s + bus.first_s.0), bus.busy_s.1 / (span_s + bus.first_s.1));
     let busiest = if bus.window_s.1 > bus.busiest_s.1 { bus.window_s } else { bus.busiest_s };
     Interface {
         name: name.to_owned(),
@@ -133,8 +132,9 @@ fn interface(bus: &super::Bus, name: &str) -> Interface {
         last_error: bus.last_error.clone(),
         dropped: bus.dropped,
         times_down: bus.downs,
-        load_percent: percent(bus.busy_s, span_s),
-        busiest_load_percent: if span_s >= window_s { percent(busiest, window_s) } else { None },
+        load_percent: (span_s > 0.0).then_some([100.0 * least, 100.0 * most]),
+        busiest_load_percent: (span_s >= window_s)
+            .then_some([100.0 * busiest.0 / window_s, 100.0 * busiest.1 / window_s]),
     }
 }
 
