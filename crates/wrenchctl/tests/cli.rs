@@ -88,7 +88,10 @@ fn check_knows_the_model_and_refuses_that_of_another_arm() {
     let said = text(&own.stdout);
     assert_eq!(own.status.code(), Some(0), "{said}{}", text(&own.stderr));
     assert!(said.contains("full axes") && said.contains("crosstalk"), "{said}");
-    let other = wrenchctl(&["check", "../../tests/captures/calibration/arm.toml", "--model", &model]);
+    // Another arm: one link is heavier.
+    let urdf = std::fs::read_to_string(run.join("arm.urdf")).unwrap();
+    std::fs::write(run.join("arm.urdf"), urdf.replacen("<mass value=\"", "<mass value=\"9", 2)).unwrap();
+    let other = wrenchctl(&["check", run.join("arm.toml").to_str().unwrap(), "--model", &model]);
     let why = text(&other.stderr);
     assert_eq!(other.status.code(), Some(1), "{why}");
     assert!(why.contains("is the model of another arm"), "{why}");

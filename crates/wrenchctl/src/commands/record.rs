@@ -18,7 +18,7 @@ const PATIENCE: Duration = Duration::from_millis(100);
 /// What to record.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// Configuration of the robot: its [bus] interfaces are recorded, everything that they carry
+    /// Configuration of the robot: the interfaces of its bus are recorded, everything that they carry
     #[arg(long, value_name = "CONFIG")]
     pub config: PathBuf,
     /// Run directory to make; it must not exist yet
