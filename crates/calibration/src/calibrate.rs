@@ -326,7 +326,8 @@ fn warnings(dataset: &Dataset, gauges: &[Gauge], names: &[&str], recordings: &[R
     }
     for (name, gauge) in names.iter().zip(gauges) {
         if gauge.outliers > 0 {
-            out.push(format!("{name}: {} of {} readings left out, too far off", gauge.outliers, gauge.readings));
+            let all = gauge.readings + gauge.outliers;
+            out.push(format!("{name}: {} of {all} readings left out, too far off", gauge.outliers));
         }
     }
     out

@@ -84,14 +84,14 @@ fn pass(dataset: &Dataset, gauge: usize, name: &str) -> Result<Pass, Error> {
     }
     const TOLERANCE: f64 = 1e-9;
     let (ordinary, nominal) = (first.smallest(TOLERANCE), first.nominal());
-    let find_noise = |estimate: &Estimate| {
-        solve::noise(dataset, gauge, estimate).ok_or_else(|| {
-            Error::data(
-                format!("sensor \"{name}\""),
-                "does not change at all: its readings are constant; check the gauge and its signal",
-            )
-        })
+    let constant = || {
+        let problem = "does not change at all: its readings are constant; check the gauge and its signal";
+        Error::data(format!("sensor \"{name}\""), problem)
     };
+    if solve::is_constant(dataset, gauge) {
+        return Err(constant());
+    }
+    let find_noise = |estimate: &Estimate| solve::noise(dataset, gauge, estimate).ok_or_else(constant);
     let noise = find_noise(&ordinary)?;
     let second = solve::collect(dataset, gauge, &noise, Some(&ordinary)).smallest(TOLERANCE);
     let noise = find_noise(&second)?;

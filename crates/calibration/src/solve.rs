@@ -173,6 +173,12 @@ pub fn noise(dataset: &Dataset, gauge: usize, estimate: &Estimate) -> Option<Noi
     NoiseModel::fit(&views)
 }
 
+/// Whether a gauge says the same all the time.
+pub fn is_constant(dataset: &Dataset, gauge: usize) -> bool {
+    let mut readings = dataset.windows.iter().flat_map(|w| w.counts[gauge].iter().flatten());
+    readings.next().is_none_or(|first| readings.all(|reading| reading == first))
+}
+
 fn has_readings(window: &Window, gauge: usize) -> bool {
     window.counts[gauge].iter().any(Option::is_some)
 }

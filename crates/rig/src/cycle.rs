@@ -10,7 +10,7 @@
 use can::assembly::{Absence, Assembler, Snapshot};
 use can::frame::Stamped;
 use model::estimator::{GaugeModel, NoWrench, Solution, WrenchEstimator};
-use model::motion::{JointMotion, MotionFilter};
+use model::motion::{JointMotion, MotionFilter, RoundClock, Sampled};
 
 use crate::model_file::ModelFile;
 use crate::status::Status;
@@ -141,6 +141,7 @@ impl Cycle {
 /// Motion of all coordinates from the joints of successive snapshots.
 #[derive(Clone, Debug)]
 pub struct MotionTracker {
+    clock: RoundClock,
     filters: Vec<MotionFilter>,
     velocity_sigmas: Vec<f64>,
     motion: Vec<JointMotion>,
@@ -151,6 +152,7 @@ impl MotionTracker {
     pub fn new(rig: &Rig, model: &ModelFile) -> Self {
         let encoders: Vec<_> = (0..rig.chain.coordinates()).map(|k| model.encoder(k)).collect();
         Self {
+            clock: RoundClock::default(),
             filters: encoders.iter().map(|e| MotionFilter::new(e.position_sigma_rad)).collect(),
             velocity_sigmas: encoders.iter().map(|e| e.velocity_sigma_rad_s.unwrap_or(f64::NAN)).collect(),
             motion: vec![JointMotion::at_rest(0.0); encoders.len()],
@@ -160,6 +162,7 @@ impl MotionTracker {
     /// Takes in a snapshot's joints; every coordinate's motion at its instant, with what to flag, or the first coordinate
     /// that is not known.
     pub fn track(&mut self, snapshot: &Snapshot) -> Result<(&[JointMotion], Status), usize> {
+        let round = self.clock.observe(snapshot.instant_ns);
         let mut status = Status::GOOD;
         let mut unknown = None;
         // Every filter is fed, whatever the others lack: a joint that comes back must find its neighbours warm.
@@ -167,7 +170,8 @@ impl MotionTracker {
             let joint = &snapshot.joints[k];
             let known = match joint.position {
                 Ok(position) => {
-                    filter.measure(position.at_ns, position.value);
+                    let at_ns = round.at_ns - position.age_ns;
+                    filter.measure(Sampled { at_ns, ..round }, position.value);
                     if let Ok(velocity) = joint.velocity
                         && velocity.at_ns == position.at_ns
                         && self.velocity_sigmas[k].is_finite()
@@ -183,7 +187,7 @@ impl MotionTracker {
                 }
                 Err(_) => false,
             };
-            match filter.motion(snapshot.instant_ns).filter(|_| known) {
+            match filter.motion(round.at_ns).filter(|_| known) {
                 Some(motion) => self.motion[k] = motion,
                 None => unknown = unknown.or(Some(k)),
             }

@@ -1,7 +1,7 @@
 //! The causal filter of one joint, for the cycle: bounded work, no allocation.
 
 use super::kalman::{State, UNIT_S, inner_density, mixture, transition, unit_process};
-use super::{DWELL_S, JointMotion, REST_S, SNAP_DENSITIES};
+use super::{DWELL_S, JointMotion, REST_S, SNAP_DENSITIES, Sampled};
 
 /// At rest, and moving with each strength of snap.
 const MODELS: usize = 1 + SNAP_DENSITIES.len();
@@ -37,8 +37,9 @@ impl MotionFilter {
         }
     }
 
-    /// Takes in a position sampled at `at_ns`; one that is not newer than the last is ignored.
-    pub fn measure(&mut self, at_ns: i64, position_rad: f64) {
+    /// Takes in a sampled position; one that is not newer than the last is ignored.
+    pub fn measure(&mut self, sampled: Sampled, position_rad: f64) {
+        let Sampled { at_ns, sigma_s } = sampled;
         match self.at_ns {
             Some(last) if at_ns <= last && last - at_ns < FORGET_NS => return,
             Some(last) if at_ns > last && at_ns - last < FORGET_NS => self.advance(at_ns - last),
@@ -49,7 +50,7 @@ impl MotionFilter {
         self.readings = (self.readings + 1).min(NEEDED);
         let mut fit = [0.0; MODELS];
         for (state, fit) in self.states.iter_mut().zip(&mut fit) {
-            *fit = state.measure(0, position_rad, self.encoder_variance_rad2);
+            *fit = state.measure_position(position_rad, self.encoder_variance_rad2, sigma_s);
         }
         self.reweigh(&fit);
     }
@@ -159,6 +160,10 @@ mod tests {
         }
     }
 
+    fn exactly(at_ns: i64) -> Sampled {
+        Sampled { at_ns, sigma_s: 0.0 }
+    }
+
     #[test]
     fn follows_a_swing_with_honest_uncertainty() {
         let (sigma, mut noise) = (20e-6, Noise(5));
@@ -166,7 +171,7 @@ mod tests {
         let (mut error2, mut normalised, mut n) = (0.0, 0.0, 0.0);
         for k in 0..4000i64 {
             let (t, w) = (k as f64 * 0.008, 9.0);
-            filter.measure(k * 8_000_000, 0.2 * (w * t).sin() + sigma * noise.next());
+            filter.measure(exactly(k * 8_000_000), 0.2 * (w * t).sin() + sigma * noise.next());
             if k > 200 {
                 let m = filter.motion(k * 8_000_000).unwrap();
                 let e = m.acceleration_rad_s2 + 0.2 * w * w * (w * t).sin();
@@ -185,7 +190,7 @@ mod tests {
         let (sigma, mut noise) = (20e-6, Noise(9));
         let mut filter = MotionFilter::new(sigma);
         for k in 0..1000i64 {
-            filter.measure(k * 8_000_000, 1.0 + sigma * noise.next());
+            filter.measure(exactly(k * 8_000_000), 1.0 + sigma * noise.next());
         }
         let m = filter.motion(999 * 8_000_000).unwrap();
         assert!(m.acceleration_rad_s2.abs() < 0.02 && m.covariance[(2, 2)].sqrt() < 0.02, "{m:?}");
@@ -199,19 +204,19 @@ mod tests {
             for k in 0..i64::from(NEEDED) {
                 let now = from_ns + k * 8_000_000;
                 assert!(filter.motion(now).is_none(), "too few readings");
-                filter.measure(now, at_rad);
-                filter.measure(now - 4_000_000, 5.0); // older than the last: ignored
+                filter.measure(exactly(now), at_rad);
+                filter.measure(exactly(now - 4_000_000), 5.0); // older than the last: ignored
             }
             let now = from_ns + i64::from(NEEDED - 1) * 8_000_000;
             assert!((filter.motion(now).unwrap().position_rad - at_rad).abs() < 1e-4);
         };
         settle(&mut filter, 0, 1.0);
         // The first reading after silence starts anew; that it came is not known before it is measured.
-        filter.measure(2_000_000_000, -3.0);
-        filter.measure(-9_000_000_000, 2.0);
+        filter.measure(exactly(2_000_000_000), -3.0);
+        filter.measure(exactly(-9_000_000_000), 2.0);
         assert!(filter.motion(-9_000_000_000).is_none());
         for k in 1..i64::from(NEEDED) {
-            filter.measure(-9_000_000_000 + k * 8_000_000, 2.0);
+            filter.measure(exactly(-9_000_000_000 + k * 8_000_000), 2.0);
         }
         assert!((filter.motion(-8_968_000_000).unwrap().position_rad - 2.0).abs() < 1e-4);
     }
@@ -220,7 +225,7 @@ mod tests {
     fn uncertainty_grows_while_nothing_comes() {
         let mut filter = MotionFilter::new(1e-5);
         for k in 0..100i64 {
-            filter.measure(k * 1_000_000, 0.5);
+            filter.measure(exactly(k * 1_000_000), 0.5);
         }
         let now = filter.motion(99_000_000).unwrap().covariance[(0, 0)];
         let later = filter.motion(119_000_000).unwrap().covariance[(0, 0)];

@@ -52,6 +52,12 @@ impl State {
         }
     }
 
+    /// Takes in a position whose sampling instant is itself uncertain by `sigma_s`: at speed it counts for less.
+    pub(super) fn measure_position(&mut self, value: f64, variance: f64, sigma_s: f64) -> f64 {
+        let smear = self.mean[1] / UNIT_S * sigma_s;
+        self.measure(0, value, variance + smear * smear)
+    }
+
     /// Takes in a measurement of one state; returns the log-likelihood of what was measured.
     pub(super) fn measure(&mut self, index: usize, value: f64, variance: f64) -> f64 {
         let column = self.covariance.column(index).into_owned();

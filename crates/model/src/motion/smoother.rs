@@ -1,7 +1,7 @@
 //! Motion from the whole recording: Rauch-Tung-Striebel smoothing, blended over strengths of snap.
 
 use super::kalman::{State, UNIT_S, inner_density, transition, unit_process};
-use super::JointMotion;
+use super::{JointMotion, Sampled};
 use nalgebra::{Cholesky, Matrix4};
 
 /// Spectral densities of the driving snap that are blended, rad^2/s^7: from a held pose to a violent move.
@@ -15,28 +15,28 @@ const WEIGHING_S: f64 = 0.15;
 
 /// Motion of one joint at every reading, without lag.
 ///
-/// `at_ns` (strictly rising) and `positions_rad` are its readings; `encoder_sigma_rad` the standard deviation of one.
+/// `at` (strictly rising) and `positions_rad` are its readings; `encoder_sigma_rad` the standard deviation of one.
 /// Each strength of snap of the bank is smoothed by Rauch-Tung-Striebel; at every instant they are blended by
 /// their predictive likelihood nearby. Offline: allocates, time linear in the number of readings.
-pub fn smooth(at_ns: &[i64], positions_rad: &[f64], encoder_sigma_rad: f64) -> Vec<JointMotion> {
-    assert_eq!(at_ns.len(), positions_rad.len(), "one position an instant");
-    let mut out = Vec::with_capacity(at_ns.len());
+pub fn smooth(at: &[Sampled], positions_rad: &[f64], encoder_sigma_rad: f64) -> Vec<JointMotion> {
+    assert_eq!(at.len(), positions_rad.len(), "one position an instant");
+    let mut out = Vec::with_capacity(at.len());
     let mut start = 0;
-    for end in 1..=at_ns.len() {
-        if end == at_ns.len() || at_ns[end] - at_ns[end - 1] > CUT_NS {
-            smooth_piece(&at_ns[start..end], &positions_rad[start..end], encoder_sigma_rad, &mut out);
+    for end in 1..=at.len() {
+        if end == at.len() || at[end].at_ns - at[end - 1].at_ns > CUT_NS {
+            smooth_piece(&at[start..end], &positions_rad[start..end], encoder_sigma_rad, &mut out);
             start = end;
         }
     }
     out
 }
 
-fn smooth_piece(at_ns: &[i64], positions_rad: &[f64], sigma_rad: f64, out: &mut Vec<JointMotion>) {
+fn smooth_piece(at: &[Sampled], positions_rad: &[f64], sigma_rad: f64, out: &mut Vec<JointMotion>) {
     let variance = sigma_rad * sigma_rad;
     let passes: Vec<Pass> =
-        DENSITIES.iter().map(|s| Pass::run(at_ns, positions_rad, variance, inner_density(*s))).collect();
-    let scores: Vec<Vec<f64>> = passes.iter().map(|p| local_mean(at_ns, &p.fit)).collect();
-    for k in 0..at_ns.len() {
+        DENSITIES.iter().map(|s| Pass::run(at, positions_rad, variance, inner_density(*s))).collect();
+    let scores: Vec<Vec<f64>> = passes.iter().map(|p| local_mean(at, &p.fit)).collect();
+    for k in 0..at.len() {
         let best = scores.iter().map(|s| s[k]).fold(f64::NEG_INFINITY, f64::max);
         let weights: Vec<f64> = scores.iter().map(|s| (s[k] - best).exp()).collect();
         let total: f64 = weights.iter().sum();
@@ -53,20 +53,20 @@ struct Pass {
 }
 
 impl Pass {
-    fn run(at_ns: &[i64], positions_rad: &[f64], variance: f64, density: f64) -> Self {
-        let n = at_ns.len();
+    fn run(at: &[Sampled], positions_rad: &[f64], variance: f64, density: f64) -> Self {
+        let n = at.len();
         let mut states = Vec::with_capacity(n);
         let mut fit = Vec::with_capacity(n);
         let mut state = State::from_position(positions_rad[0], variance);
         for k in 0..n {
             if k > 0 {
-                state = forward(&state, at_ns[k] - at_ns[k - 1], density);
+                state = forward(&state, at[k].at_ns - at[k - 1].at_ns, density);
             }
-            fit.push(state.measure(0, positions_rad[k], variance));
+            fit.push(state.measure_position(positions_rad[k], variance, at[k].sigma_s));
             states.push(state);
         }
         for k in (0..n - 1).rev() {
-            states[k] = backward(&states[k], &states[k + 1], at_ns[k + 1] - at_ns[k], density);
+            states[k] = backward(&states[k], &states[k + 1], at[k + 1].at_ns - at[k].at_ns, density);
         }
         Self { states, fit }
     }
@@ -108,7 +108,7 @@ fn blend<'a>(parts: impl Iterator<Item = (&'a State, f64)> + Clone) -> State {
 }
 
 /// Sum of the values within [`WEIGHING_S`] to each side.
-fn local_mean(at_ns: &[i64], values: &[f64]) -> Vec<f64> {
+fn local_mean(at: &[Sampled], values: &[f64]) -> Vec<f64> {
     let mut cumulated = Vec::with_capacity(values.len() + 1);
     cumulated.push(0.0);
     for v in values {
@@ -116,13 +116,13 @@ fn local_mean(at_ns: &[i64], values: &[f64]) -> Vec<f64> {
     }
     let reach = (WEIGHING_S * 1e9) as i64;
     let (mut from, mut to) = (0, 0);
-    at_ns
-        .iter()
-        .map(|t| {
-            while at_ns[from] < t - reach {
+    at.iter()
+        .map(|sampled| {
+            let t = sampled.at_ns;
+            while at[from].at_ns < t - reach {
                 from += 1;
             }
-            while to < at_ns.len() && at_ns[to] <= t + reach {
+            while to < at.len() && at[to].at_ns <= t + reach {
                 to += 1;
             }
             cumulated[to] - cumulated[from]
@@ -134,10 +134,14 @@ fn local_mean(at_ns: &[i64], values: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
 
+    fn exactly(at_ns: impl IntoIterator<Item = i64>) -> Vec<Sampled> {
+        at_ns.into_iter().map(|at_ns| Sampled { at_ns, sigma_s: 0.0 }).collect()
+    }
+
     #[test]
     fn recovers_the_acceleration_of_a_swing_without_lag() {
         let (w, dt) = (10.0f64, 0.008);
-        let at: Vec<i64> = (0..2000).map(|k| k * 8_000_000).collect();
+        let at = exactly((0..2000).map(|k| k * 8_000_000));
         let truth = |k: usize| 0.2 * (w * k as f64 * dt).sin();
         // Rounding to 20 urad stands for the encoder's noise.
         let q: Vec<f64> = (0..2000).map(|k| (truth(k) / 2e-5).round() * 2e-5).collect();
@@ -150,7 +154,7 @@ mod tests {
 
     #[test]
     fn pieces_on_both_sides_of_a_gap_do_not_touch() {
-        let at = [0, 8_000_000, 16_000_000, 5_000_000_000, 5_008_000_000];
+        let at = exactly([0, 8_000_000, 16_000_000, 5_000_000_000, 5_008_000_000]);
         let q = [1.0, 1.0, 1.0, -2.0, -2.0];
         let motion = smooth(&at, &q, 1e-5);
         assert_eq!(motion.len(), 5);

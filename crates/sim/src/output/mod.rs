@@ -142,8 +142,10 @@ fn write_log(
     Ok(())
 }
 
-/// What the reference sensor says at every instant at which it is mounted; none where it never is.
-fn reference_csv(simulator: &Simulator, scenario: &Scenario, seed: u64) -> Option<String> {
+/// What the reference sensor says (text of a reference.csv: s, N, Nm, in E) at every instant at which it is mounted; none
+/// where it never is.
+#[must_use]
+pub fn reference_csv(simulator: &Simulator, scenario: &Scenario, seed: u64) -> Option<String> {
     let sensor = scenario.reference.as_ref()?;
     let mut rng = stream(seed, random::Purpose::Reference);
     let mut text = Vec::new();
