@@ -91,10 +91,13 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
         Watch { live, nominal: Nominal::new(&rig, &model)?, score: Score::default(), start_ns, round: None };
     let followed = watch.follow(&rig, args.seconds, clock, &mut out);
     watch.live.stop()?;
-    followed?;
+    let whole = followed?;
     let verdict = watch.score.verdict();
     tell(&verdict, &mut out)?;
-    Ok(if verdict.agrees() { Outcome::Done } else { Outcome::No })
+    if !whole {
+        output::note(format_args!("interrupted: this is no verdict on the whole"));
+    }
+    Ok(if whole && verdict.agrees() { Outcome::Done } else { Outcome::No })
 }
 
 /// The arm in motion under a changing push, at the published rate where the bus can carry it.
@@ -156,14 +159,14 @@ struct Watch {
 }
 
 impl Watch {
-    /// Looks and shows until the time is over, or Ctrl-C.
+    /// Looks and shows until the time is over; false where Ctrl-C came first.
     fn follow(
         &mut self,
         rig: &Rig,
         length: Duration,
         clock: SystemClock,
         out: &mut impl Write,
-    ) -> Result<(), Error> {
+    ) -> Result<bool, Error> {
         let interrupted = crate::live::interrupted();
         let names = rig.config.sensors.iter().map(|sensor| sensor.name.clone()).collect();
         let mut view = View::new(names);
@@ -172,11 +175,11 @@ impl Watch {
         let mut nominal = None;
         loop {
             let elapsed_s = self.elapsed_s(clock);
-            if elapsed_s >= length.as_secs_f64()
-                || interrupted.load(Ordering::Relaxed)
-                || self.live.has_ended()
-            {
-                return Ok(());
+            if interrupted.load(Ordering::Relaxed) || self.live.has_ended() {
+                return Ok(false);
+            }
+            if elapsed_s >= length.as_secs_f64() {
+                return Ok(true);
             }
             std::thread::sleep(LOOK);
             let newest = self.look();
@@ -256,7 +259,8 @@ impl Watch {
 fn tell(verdict: &Verdict, out: &mut impl Write) -> Result<(), Error> {
     writeln!(
         out,
-        "last 10 s: {} instants, {:.1} % of the records valid, error RMS {:.4} N and {:.5} Nm",
+        "last {:.1} s: {} instants, {:.1} % of the records valid, error RMS {:.4} N and {:.5} Nm",
+        verdict.span_s,
         verdict.instants,
         100.0 * verdict.valid,
         verdict.rms.0,

@@ -34,6 +34,8 @@ pub(super) struct Score {
 /// What the last seconds come to.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Verdict {
+    /// How much of the end was compared, s.
+    pub(super) span_s: f64,
     /// Instants compared.
     pub(super) instants: usize,
     /// Share of the records that had a wrench.
@@ -90,7 +92,10 @@ impl Score {
         let nominal =
             sum(&mut self.nominal.iter().map(|(_, plain)| *plain)) / self.nominal.len().max(1) as f64;
         let valid = self.records.iter().filter(|(_, valid)| *valid).count();
+        let span_ns =
+            self.squares.back().zip(self.squares.front()).map_or(0, |(b, a)| b.instant_ns - a.instant_ns);
         Verdict {
+            span_s: span_ns as f64 * 1e-9,
             instants: self.squares.len(),
             valid: valid as f64 / self.records.len().max(1) as f64,
             sigmas: normalised.map(f64::sqrt).into(),
