@@ -250,11 +250,10 @@ fn reduce(sensor: &mut Sensor, gauge: &Gauge, axes: Axes) {
     sensor.bias_counts = bias;
     sensor.covariance = [[0.0; 7]; 7];
     sensor.bias_sigma_counts = 0.0;
-    sensor.crosstalk_percent = Some(reduced.crosstalk_percent(CHARACTERISTIC_LENGTH_M)).filter(|c| c.is_finite());
+    sensor.crosstalk_percent =
+        Some(reduced.crosstalk_percent(CHARACTERISTIC_LENGTH_M)).filter(|c| c.is_finite());
     sensor.frame = frame.map_or_else(Frame::default, |f| {
-        Frame::from_array(
-            [f.r_counts_per_nm, f.a_x_rad, f.a_y_rad, f.l_x_m, f.l_y_m, f.pitch_m].map(Some),
-        )
+        Frame::from_array([f.r_counts_per_nm, f.a_x_rad, f.a_y_rad, f.l_x_m, f.l_y_m, f.pitch_m].map(Some))
     });
     sensor.frame_sigma = Frame::default();
     sensor.noise_floor_counts = gauge.noise.sigma_counts();
@@ -321,7 +320,11 @@ fn warnings(dataset: &Dataset, gauges: &[Gauge], names: &[&str], recordings: &[R
         let said: Vec<String> =
             odd.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
         if !said.is_empty() {
-            out.push(format!("{}: {}; the instants concerned are used as far as they go", recording.name, said.join(", ")));
+            out.push(format!(
+                "{}: {}; the instants concerned are used as far as they go",
+                recording.name,
+                said.join(", ")
+            ));
         }
     }
     for (name, gauge) in names.iter().zip(gauges) {

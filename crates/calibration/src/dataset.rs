@@ -89,7 +89,8 @@ impl Dataset {
         }
         if dataset.windows.is_empty() {
             let names: Vec<&str> = recordings.iter().map(|r| r.name.as_str()).collect();
-            let problem = "the arm never holds still (every joint below 5 mrad/s for 0.3 s); record held poses";
+            let problem =
+                "the arm never holds still (every joint below 5 mrad/s for 0.3 s); record held poses";
             return Err(Error::data(names.join(", "), problem));
         }
         dataset.encoders = encoder_noise(rig, recordings, &dataset.windows);
@@ -152,8 +153,11 @@ fn window(
         .collect();
     let reference: Vec<Wrench<Tip>> =
         recording.reference.iter().flat_map(|r| times_s.iter().filter_map(|t| r.at(*t))).collect();
-    let adjoints =
-        if reference.is_empty() { Vec::new() } else { (0..gauges).map(|g| dynamics.tip_adjoint(g)).collect() };
+    let adjoints = if reference.is_empty() {
+        Vec::new()
+    } else {
+        (0..gauges).map(|g| dynamics.tip_adjoint(g)).collect()
+    };
     Window {
         session,
         recording: index,
@@ -189,9 +193,9 @@ fn encoder_noise(rig: &Rig, recordings: &[Recording], windows: &[Window]) -> Vec
         for window in windows {
             let recording = &recordings[window.recording];
             let column = columns(recording);
-            let from = recording.at_ns.partition_point(|t| {
-                (*t - recording.start_ns) as f64 * 1e-9 < window.times_s[0] - 1e-9
-            });
+            let from = recording
+                .at_ns
+                .partition_point(|t| (*t - recording.start_ns) as f64 * 1e-9 < window.times_s[0] - 1e-9);
             let to = (from + window.times_s.len()).min(column.len());
             if from < to {
                 let piece = &column[from..to];
@@ -240,4 +244,3 @@ fn robust_sigma(mut magnitudes: Vec<f64>) -> f64 {
     let (_, median, _) = magnitudes.select_nth_unstable_by(middle, f64::total_cmp);
     *median / 0.674_489_75
 }
-

@@ -198,7 +198,8 @@ impl Widths {
         let across2 = (force.norm_squared() - along * along).max(0.0);
         // r in counts/Nm is the scaled one over the characteristic length.
         let per_m = scale.max(self.scale_counts_per_n) / CHARACTERISTIC_LENGTH_M;
-        let by_force = per_m.powi(2) * (along * along * self.pitch_m.powi(2) + across2 * self.offset_m.powi(2));
+        let by_force =
+            per_m.powi(2) * (along * along * self.pitch_m.powi(2) + across2 * self.offset_m.powi(2));
         let by_moment = direction.fixed_rows::<3>(3).norm_squared() * self.scale_counts_per_n.powi(2);
         (by_force + by_moment).sqrt()
     }

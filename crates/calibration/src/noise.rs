@@ -199,7 +199,8 @@ mod tests {
 
     #[test]
     fn finds_white_and_slow_noise_again() {
-        let truth = NoiseModel { white_counts2: 0.85 * 490_000.0, slow_counts2: 0.15 * 490_000.0, tau_s: 0.2 };
+        let truth =
+            NoiseModel { white_counts2: 0.85 * 490_000.0, slow_counts2: 0.15 * 490_000.0, tau_s: 0.2 };
         let recordings: Vec<_> = (0..100).map(|k| recording(k, 150, &truth, 0.02)).collect();
         let pieces: Vec<(&[f64], &[f64])> = recordings.iter().map(|(t, e)| (&t[..], &e[..])).collect();
         let found = NoiseModel::fit(&pieces).unwrap();

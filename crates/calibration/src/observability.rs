@@ -125,8 +125,10 @@ impl Remedies {
             Wrench::<Tip>::zero()
         };
         let moving = |d: &mut Dynamics, q: &[f64], k: usize| {
-            let rate: Vec<f64> = (0..q.len()).map(|j| if (j + k) % 2 == 0 { 1.0 } else { -1.0 }).collect();
-            let push: Vec<f64> = (0..q.len()).map(|j| if (j + k) % 3 == 0 { 5.0 } else { -4.0 }).collect();
+            let rate: Vec<f64> =
+                (0..q.len()).map(|j| if (j + k).is_multiple_of(2) { 1.0 } else { -1.0 }).collect();
+            let push: Vec<f64> =
+                (0..q.len()).map(|j| if (j + k).is_multiple_of(3) { 5.0 } else { -4.0 }).collect();
             d.update(q, &rate, &push);
             Wrench::<Tip>::zero()
         };
@@ -139,16 +141,23 @@ impl Remedies {
         let pull = |d: &mut Dynamics, q: &[f64], k: usize| {
             d.update_static(q);
             let mut wrench = Vector6::zeros();
-            wrench[k % 6] = if k % 6 < 3 { 5.0 } else { 0.5 } * if k / 6 % 2 == 0 { 1.0 } else { -1.0 };
+            wrench[k % 6] =
+                if k % 6 < 3 { 5.0 } else { 0.5 } * if (k / 6).is_multiple_of(2) { 1.0 } else { -1.0 };
             Wrench::<Tip>::from_vector(&wrench)
         };
         let chain = &rig.chain;
         Self {
             trials: vec![
                 ("hold more different poses", loads(rig, chain, &poses, bare)),
-                ("hang a weight at three points that are not on a line", loads(rig, chain, &poses, hang(3, [0.5, 0.5]))),
+                (
+                    "hang a weight at three points that are not on a line",
+                    loads(rig, chain, &poses, hang(3, [0.5, 0.5])),
+                ),
                 ("hang weights of different mass", loads(rig, chain, &poses, hang(1, [0.2, 1.0]))),
-                ("pull sideways at the tip or push with a reference sensor mounted", loads(rig, chain, &poses, pull)),
+                (
+                    "pull sideways at the tip or push with a reference sensor mounted",
+                    loads(rig, chain, &poses, pull),
+                ),
                 ("tilt the base by some degrees", loads(rig, &tilted, &poses, bare)),
                 ("move with known inertia", loads(rig, chain, &poses, moving)),
             ],

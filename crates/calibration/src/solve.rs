@@ -68,7 +68,12 @@ impl Estimate {
 
 /// Collects the information of all windows on one gauge, whitened by its noise; with an earlier estimate the
 /// reference's noise is weighed in and outliers are left out.
-pub fn collect(dataset: &Dataset, gauge: usize, noise: &NoiseModel, earlier: Option<&Estimate>) -> Information {
+pub fn collect(
+    dataset: &Dataset,
+    gauge: usize,
+    noise: &NoiseModel,
+    earlier: Option<&Estimate>,
+) -> Information {
     let mut sessions = vec![Triangle::<COLUMNS>::default(); dataset.sessions.len()];
     let mut outliers = 0;
     for window in &dataset.windows {

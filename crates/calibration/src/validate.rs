@@ -175,9 +175,7 @@ impl Sums {
         }
         let n = self.n as f64;
         let rms = |k: usize| (self.square[k] / n).sqrt();
-        let rms_of_three = |from: usize| {
-            (self.square[from..from + 3].iter().sum::<f64>() / (3.0 * n)).sqrt()
-        };
+        let rms_of_three = |from: usize| (self.square[from..from + 3].iter().sum::<f64>() / (3.0 * n)).sqrt();
         Score {
             n: self.n,
             force_rms_n: Some([rms(0), rms(1), rms(2)]),
@@ -262,16 +260,11 @@ fn truth(
     t_s: f64,
     motion: Option<&[JointMotion]>,
 ) -> Wrench<Tip> {
-    let reference =
-        recording.reference.as_ref().and_then(|r| r.at(t_s)).unwrap_or_else(Wrench::zero);
+    let reference = recording.reference.as_ref().and_then(|r| r.at(t_s)).unwrap_or_else(Wrench::zero);
     let body = recording.loads.at(t_s);
     let Some(motion) = motion.filter(|_| body.mass_kg != 0.0) else { return reference };
     let part = |f: fn(&JointMotion) -> f64| motion.iter().map(f).collect::<Vec<_>>();
-    dynamics.update(
-        &part(|m| m.position_rad),
-        &part(|m| m.velocity_rad_s),
-        &part(|m| m.acceleration_rad_s2),
-    );
+    dynamics.update(&part(|m| m.position_rad), &part(|m| m.velocity_rad_s), &part(|m| m.acceleration_rad_s2));
     reference + dynamics.payload_wrench(&body)
 }
 

@@ -1,9 +1,9 @@
 //! Calibrations of simulated arms against the gauges that were put in.
+#![allow(clippy::unwrap_used)]
 
 use std::path::{Path, PathBuf};
 
 use wrenchd_calibration::{Axes, Calibration, Recording, calibrate};
-
 
 use rig::run::Exclude;
 use rig::{Config, Rig};
@@ -16,13 +16,19 @@ fn arm() -> Rig {
     Rig::load(Config::load(&file).unwrap()).unwrap()
 }
 
-/// Fewer and shorter poses than a real calibration has: more arms in the same time.
-fn plan() -> CalibrationPlan {
-    CalibrationPlan { bare_poses: 24, poses_per_weight: 24, pushed_poses: 16, hold_s: 1.5, ..Default::default() }
+/// Fewer and shorter poses than a real calibration has.
+fn short_plan() -> CalibrationPlan {
+    CalibrationPlan {
+        bare_poses: 24,
+        poses_per_weight: 24,
+        pushed_poses: 16,
+        hold_s: 1.5,
+        ..Default::default()
+    }
 }
 
 fn scenario(rig: &Rig, seed: u64) -> Scenario {
-    plan().scenario(&MotionLimits::of(&rig.chain).unwrap(), seed)
+    short_plan().scenario(&MotionLimits::of(&rig.chain).unwrap(), seed)
 }
 
 fn recording(rig: &Rig, truth: &Truth, scenario: &Scenario, seed: u64) -> Recording {
@@ -44,14 +50,8 @@ fn normalised_errors(found: &Calibration, truth: &Truth) -> Vec<Vec<f64>> {
     let mut out = Vec::new();
     for (sensor, gauge) in found.model.sensors.iter().zip(&truth.gauges) {
         let frame = gauge.frame().unwrap();
-        let expected = [
-            frame.r_counts_per_nm,
-            frame.a_x_rad,
-            frame.a_y_rad,
-            frame.l_x_m,
-            frame.l_y_m,
-            frame.pitch_m,
-        ];
+        let expected =
+            [frame.r_counts_per_nm, frame.a_x_rad, frame.a_y_rad, frame.l_x_m, frame.l_y_m, frame.pitch_m];
         let mut row: Vec<f64> = (0..6)
             .filter_map(|k| {
                 let (value, sigma) = (sensor.frame.array()[k]?, sensor.frame_sigma.array()[k]?);
@@ -77,11 +77,13 @@ fn fifty_calibrations_are_as_uncertain_as_they_say() {
             .map(|worker| {
                 let rig = &rig;
                 scope.spawn(move || {
-                    (0..50u64)
+                    (100..150u64)
                         .filter(|seed| seed % 2 == worker)
                         .map(|seed| {
                             let truth = Truth::draw(rig, seed, 0.003);
-                            let recording = recording(rig, &truth, &scenario(rig, seed), seed);
+                            let limits = MotionLimits::of(&rig.chain).unwrap();
+                            let scenario = CalibrationPlan::default().scenario(&limits, seed);
+                            let recording = recording(rig, &truth, &scenario, seed);
                             (seed, normalised_errors(&calibrated(rig, &recording), &truth))
                         })
                         .collect::<Vec<_>>()
@@ -101,7 +103,9 @@ fn fifty_calibrations_are_as_uncertain_as_they_say() {
     }
     let overall = rms(&all.iter().map(|(error, ..)| *error).collect::<Vec<_>>());
     let worst = all.iter().max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap();
-    println!("50 calibrations: RMS of (estimate - truth) / sigma = {overall:.3}, worst (sigmas, seed, gauge) {worst:?}");
+    println!(
+        "50 calibrations: RMS of (estimate - truth) / sigma = {overall:.3}, worst (sigmas, seed, gauge) {worst:?}"
+    );
     assert!(worst.0.abs() <= 4.0, "{worst:?}");
     assert!((0.7..=1.4).contains(&overall), "{overall}");
     for k in 0..7 {
@@ -159,7 +163,11 @@ fn outliers_and_absent_readings_do_not_spoil_a_gauge() {
     for row in normalised_errors(&found, &truth) {
         assert!(row.iter().all(|e| e.abs() < 5.0), "{row:?}");
     }
-    assert!(found.warnings.iter().any(|w| w.contains("s3") && w.contains("too far off")), "{:?}", found.warnings);
+    assert!(
+        found.warnings.iter().any(|w| w.contains("s3") && w.contains("too far off")),
+        "{:?}",
+        found.warnings
+    );
 }
 
 #[test]
@@ -205,7 +213,8 @@ fn the_baselines_as_models_know_only_what_they_know() {
     let rig = arm();
     let truth = Truth::draw(&rig, 9, 0.0);
     let recording = recording(&rig, &truth, &scenario(&rig, 9), 9);
-    let with = |axes| calibrate(&rig, std::slice::from_ref(&recording), axes, Vec::new(), "2026-01-01").unwrap();
+    let with =
+        |axes| calibrate(&rig, std::slice::from_ref(&recording), axes, Vec::new(), "2026-01-01").unwrap();
     let (nominal, five, full) = (with(Axes::Nominal), with(Axes::Five), with(Axes::Full));
     for k in 0..8 {
         let c = nominal.report.sensors[k].compliance;

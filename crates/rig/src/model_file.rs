@@ -10,10 +10,10 @@ use model::sensing::{ActualFrame, Compliance};
 use nalgebra::{Matrix6, Vector6};
 use serde::{Deserialize, Serialize};
 
+use crate::Rig;
 use crate::binding::Fingerprint;
 use crate::document;
 use crate::error::{RigError, read_text};
-use crate::Rig;
 
 /// A calibrated arm.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -243,14 +243,7 @@ impl Frame {
 
     /// From the order r a_x a_y l_x l_y pitch.
     pub fn from_array(p: [Option<f64>; 6]) -> Self {
-        Self {
-            r_counts_per_nm: p[0],
-            a_x_rad: p[1],
-            a_y_rad: p[2],
-            l_x_m: p[3],
-            l_y_m: p[4],
-            pitch_m: p[5],
-        }
+        Self { r_counts_per_nm: p[0], a_x_rad: p[1], a_y_rad: p[2], l_x_m: p[3], l_y_m: p[4], pitch_m: p[5] }
     }
 }
 
@@ -280,7 +273,8 @@ impl Sensor {
         let mut sum = Matrix6::zeros();
         for unseen in &self.unobservable {
             // Sensitivity per unit of load/length: back from N-equivalents to counts per Nm.
-            let direction = Vector6::from_fn(|k, _| unseen.direction[k] * if k < 3 { 1.0 } else { length.recip() });
+            let direction =
+                Vector6::from_fn(|k, _| unseen.direction[k] * if k < 3 { 1.0 } else { length.recip() });
             sum += direction * direction.transpose() * unseen.assumed_sigma_counts_per_n.powi(2);
         }
         (!self.unobservable.is_empty()).then_some(sum)
@@ -295,7 +289,8 @@ impl ModelFile {
         let joints = model.joints.iter().map(|j| j.name.as_str());
         if !joints.eq(rig.chain.coordinate_names()) {
             let names = rig.chain.coordinate_names().join(", ");
-            let problem = format!("its [[joint]] tables are not those of the arm, {names}; calibrate this arm");
+            let problem =
+                format!("its [[joint]] tables are not those of the arm, {names}; calibrate this arm");
             return Err(RigError::of_file(file, problem));
         }
         Ok(model)
@@ -313,7 +308,9 @@ impl ModelFile {
     /// The model as text.
     pub fn to_toml(&self) -> String {
         let body = toml::to_string(self).expect("a model has only keys and values that TOML can hold");
-        format!("# Calibrated model of an arm with joint torque sensors, written by `wrenchctl calibrate`.\n{body}")
+        format!(
+            "# Calibrated model of an arm with joint torque sensors, written by `wrenchctl calibrate`.\n{body}"
+        )
     }
 
     /// The gauges as the estimator takes them.
@@ -339,7 +336,10 @@ impl ModelFile {
         for joint in &self.joints {
             let sigma = joint.position_sigma_rad;
             if !(sigma > 0.0 && sigma.is_finite()) {
-                return Err(format!("joint \"{}\": position_sigma_rad = {sigma} is not positive", joint.name));
+                return Err(format!(
+                    "joint \"{}\": position_sigma_rad = {sigma} is not positive",
+                    joint.name
+                ));
             }
         }
         Ok(())

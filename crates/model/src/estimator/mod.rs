@@ -278,11 +278,7 @@ mod tests {
         let (chain, sections) = arm();
         let mut d = Dynamics::new(&chain, &sections);
         let part = |f: fn(&JointMotion) -> f64| motion.iter().map(f).collect::<Vec<_>>();
-        d.update(
-            &part(|m| m.position_rad),
-            &part(|m| m.velocity_rad_s),
-            &part(|m| m.acceleration_rad_s2),
-        );
+        d.update(&part(|m| m.position_rad), &part(|m| m.velocity_rad_s), &part(|m| m.acceleration_rad_s2));
         gauges
             .iter()
             .enumerate()

@@ -162,8 +162,10 @@ mod tests {
     /// Error of the instants against the truth less its mean (a common lateness is no error), RMS, s.
     fn error_s(stamps: &[(i64, i64)]) -> f64 {
         let mut clock = RoundClock::default();
-        let errors: Vec<f64> =
-            stamps.iter().map(|(true_ns, stamp)| (clock.observe(*stamp).at_ns - true_ns) as f64 * 1e-9).collect();
+        let errors: Vec<f64> = stamps
+            .iter()
+            .map(|(true_ns, stamp)| (clock.observe(*stamp).at_ns - true_ns) as f64 * 1e-9)
+            .collect();
         let settled = &errors[stamps.len() / 4..];
         let mean = settled.iter().sum::<f64>() / settled.len() as f64;
         (settled.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / settled.len() as f64).sqrt()

@@ -86,8 +86,7 @@ fn backward(filtered: &State, next: &State, step_ns: i64, density: f64) -> State
         return *filtered;
     };
     let gain: Matrix4<f64> = filtered.covariance * f.transpose() * inverse;
-    let covariance =
-        filtered.covariance + gain * (next.covariance - predicted.covariance) * gain.transpose();
+    let covariance = filtered.covariance + gain * (next.covariance - predicted.covariance) * gain.transpose();
     State {
         mean: filtered.mean + gain * (next.mean - predicted.mean),
         covariance: (covariance + covariance.transpose()) * 0.5,

@@ -1,13 +1,9 @@
 //! Before the live part: calibration recordings simulated in memory, the crosstalk found from them.
 
-use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 
 use calibration::{Axes, Calibration, Recording};
-use rand::SeedableRng;
-use rand::rngs::StdRng;
-use rand_distr::{Distribution, StandardNormal};
 use rig::run::{Loads, Reference};
 use rig::{ModelFile, Rig};
 use sim::motion::MotionLimits;
@@ -48,7 +44,9 @@ pub(super) fn calibrate(
 fn record(rig: &Rig, truth: &Truth, scenario: &Scenario, seed: u64) -> Result<Recording, Error> {
     let options = Options { seed, ..Options::default() };
     let simulator = Simulator::new(rig, truth.clone(), scenario, options)?;
-    let reference = reference(&simulator, scenario, seed)?;
+    let reference = sim::output::reference_csv(&simulator, scenario, seed)
+        .map(|csv| Reference::parse(Path::new("simulated reference"), &csv))
+        .transpose()?;
     let progress = Progress::steps(100, "simulating");
     let mut simulator = simulator;
     let frames = std::iter::from_fn(|| {
@@ -59,28 +57,6 @@ fn record(rig: &Rig, truth: &Truth, scenario: &Scenario, seed: u64) -> Result<Re
     recording.loads = Loads::new(scenario.loads.clone());
     recording.reference = reference;
     Ok(recording)
-}
-
-/// What the reference sensor at the tip says, noise included.
-fn reference(simulator: &Simulator, scenario: &Scenario, seed: u64) -> Result<Option<Reference>, Error> {
-    let Some(sensor) = &scenario.reference else { return Ok(None) };
-    let mut rng = StdRng::seed_from_u64(seed);
-    let mut text = String::from("t,fx,fy,fz,tx,ty,tz\n");
-    for cycle in 0..simulator.cycles() {
-        let t_s = simulator.instant_s(cycle);
-        if !sensor.is_mounted(t_s) {
-            continue;
-        }
-        let pushed = scenario.push.at(t_s).to_vector();
-        let sigmas = sensor.force_sigma_n.iter().chain(&sensor.moment_sigma_nm);
-        let _ = write!(text, "{t_s:.6}");
-        for (value, sigma) in pushed.iter().zip(sigmas) {
-            let noise: f64 = StandardNormal.sample(&mut rng);
-            let _ = write!(text, ",{:.6}", value + sigma * noise);
-        }
-        text.push('\n');
-    }
-    Ok(Some(Reference::parse(Path::new("simulated reference"), &text)?))
 }
 
 /// What was found beside what is true.
