@@ -41,10 +41,10 @@ impl JointMotion {
 
 /// Spectral densities of the driving snap of a moving joint, rad^2/s^7: from a creep to a violent move. The highest follows
 /// a reversal of tens of rad/s^2 within a few samples.
-const SNAP_DENSITIES: [f64; 5] = [1e1, 3e2, 1e4, 3e5, 1e7];
+const SNAP_DENSITIES: [f64; 7] = [1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7];
 
-/// Mean time that a moving joint stays with one strength of snap, s.
-const DWELL_S: f64 = 0.25;
+/// Mean time that a moving joint stays with one strength of snap, s: about that of a move.
+const DWELL_S: f64 = 1.2;
 
 /// Mean time that a joint at rest stays there, s: robots hold poses, and rest is left only on evidence.
 const REST_S: f64 = 40.0;
