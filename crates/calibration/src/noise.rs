@@ -183,7 +183,7 @@ mod tests {
         let times = [0.0, 0.01, 0.03, 0.035, 0.1, 0.4];
         let column = [1.0, -2.0, 0.5, 3.0, 1.0, 2.0];
         let v = DMatrix::from_fn(6, 6, |i, k| {
-            let slow = 9.0 * (-(times[i] - times[k] as f64).abs() / 0.05).exp();
+            let slow = 9.0 * (-(times[i] - times[k]).abs() / 0.05).exp();
             slow + if i == k { 4.0 } else { 0.0 }
         });
         let x = DVector::from_column_slice(&column);

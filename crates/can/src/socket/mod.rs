@@ -14,6 +14,8 @@ use std::time::{Duration, Instant};
 
 pub use send::{SendCounts, SocketSender};
 
+use socketcan::CanAddr;
+
 use crate::error::{Error, Result};
 use crate::frame::{CanId, Stamped};
 use crate::source::{Batch, Event, Poll, Source};
@@ -222,7 +224,7 @@ impl Source for SocketSource {
 
 /// A socket with all its options, bound; and the receive buffer that it got
 fn open_receiver(name: &str, options: &SocketOptions) -> Result<(OwnedFd, usize)> {
-    let index = sys::interface_index(name).ok_or_else(|| Error::NoInterface { interface: name.into() })?;
+    let address = CanAddr::from_iface(name).map_err(|_| Error::NoInterface { interface: name.into() })?;
     let fault = |what, hint| move |source| Error::Socket { interface: name.into(), what, source, hint };
     let socket = sys::raw_socket().map_err(fault("opening a CAN socket", Some(NO_CAN)))?;
     match &options.filters {
@@ -243,7 +245,7 @@ fn open_receiver(name: &str, options: &SocketOptions) -> Result<(OwnedFd, usize)
         .map_err(fault("asking for drop counts", None))?;
     let size =
         sys::set_receive_buffer(&socket, options.receive_buffer).map_err(fault("sizing its buffer", None))?;
-    sys::bind(&socket, index).map_err(|source| bind_error(name, source))?;
+    sys::bind(&socket, address).map_err(|source| bind_error(name, source))?;
     Ok((socket, size))
 }
 

@@ -4,6 +4,8 @@ use std::os::fd::OwnedFd;
 use std::time::Instant;
 
 use super::{NO_CAN, RETRY, bind_error, sys};
+use socketcan::CanAddr;
+
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 
@@ -89,13 +91,13 @@ impl SocketSender {
 }
 
 fn open(name: &str) -> Result<OwnedFd> {
-    let index = sys::interface_index(name).ok_or_else(|| Error::NoInterface { interface: name.into() })?;
+    let address = CanAddr::from_iface(name).map_err(|_| Error::NoInterface { interface: name.into() })?;
     let fault = |what, hint| move |source| Error::Socket { interface: name.into(), what, source, hint };
     let socket = sys::raw_socket().map_err(fault("opening a CAN socket", Some(NO_CAN)))?;
     // It only sends: no frame is to be queued for it.
     sys::set_filters(&socket, &[]).map_err(fault("setting filters", None))?;
     sys::enable(&socket, libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES)
         .map_err(fault("enabling CAN FD", None))?;
-    sys::bind(&socket, index).map_err(|source| bind_error(name, source))?;
+    sys::bind(&socket, address).map_err(|source| bind_error(name, source))?;
     Ok(socket)
 }

@@ -1,11 +1,13 @@
 //! The system calls; the only unsafe code of the crate
 
-use std::ffi::CString;
 use std::io;
 use std::mem::{size_of, zeroed};
-use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
-use std::ptr::{from_mut, from_ref, null_mut};
+use std::os::fd::{AsRawFd, OwnedFd};
+use std::ptr::{from_mut, null_mut};
 use std::time::Duration;
+
+use socket2::{Domain, Protocol, SockRef, Socket, Type};
+use socketcan::CanAddr;
 
 use super::wire::{self, FD_MTU};
 use crate::frame::{CanId, Frame};
@@ -19,33 +21,17 @@ fn check(result: libc::c_int) -> io::Result<usize> {
     usize::try_from(result).map_err(|_| io::Error::last_os_error())
 }
 
-/// Index of an interface of this name
-pub(super) fn interface_index(name: &str) -> Option<libc::c_int> {
-    let name = CString::new(name).ok()?;
-    // SAFETY: `name` is a string ended by zero that outlives the call.
-    let index = unsafe { libc::if_nametoindex(name.as_ptr()) };
-    libc::c_int::try_from(index).ok().filter(|&index| index > 0)
-}
-
-/// A raw CAN socket that does not block, not yet bound
+/// A raw CAN socket that does not block, not yet bound: options that say what arrives must be set before binding,
+/// which the socket types of `socketcan` do not allow for.
 pub(super) fn raw_socket() -> io::Result<OwnedFd> {
-    let kind = libc::SOCK_RAW | libc::SOCK_NONBLOCK | libc::SOCK_CLOEXEC;
-    // SAFETY: no pointers are passed.
-    let fd = unsafe { libc::socket(libc::PF_CAN, kind, libc::CAN_RAW) };
-    check(fd)?;
-    // SAFETY: `fd` was just opened and nothing else owns it.
-    Ok(unsafe { OwnedFd::from_raw_fd(fd) })
+    let kind = Type::from(libc::SOCK_RAW | libc::SOCK_NONBLOCK | libc::SOCK_CLOEXEC);
+    let socket = Socket::new_raw(Domain::from(libc::PF_CAN), kind, Some(Protocol::from(libc::CAN_RAW)))?;
+    Ok(socket.into())
 }
 
 /// Binds a socket to an interface
-pub(super) fn bind(socket: &OwnedFd, interface: libc::c_int) -> io::Result<()> {
-    // SAFETY: all zeros is a valid sockaddr_can: integers only.
-    let mut address: libc::sockaddr_can = unsafe { zeroed() };
-    address.can_family = libc::AF_CAN as libc::sa_family_t;
-    address.can_ifindex = interface;
-    let len = size_of::<libc::sockaddr_can>() as libc::socklen_t;
-    // SAFETY: pointer and length describe `address`, which outlives the call.
-    check(unsafe { libc::bind(socket.as_raw_fd(), from_ref(&address).cast(), len) }).map(drop)
+pub(super) fn bind(socket: &OwnedFd, address: CanAddr) -> io::Result<()> {
+    SockRef::from(socket).bind(&address.into_sock_addr())
 }
 
 fn set<T>(socket: &OwnedFd, level: libc::c_int, name: libc::c_int, values: &[T]) -> io::Result<()> {
