@@ -180,7 +180,7 @@ mod tests {
     #[test]
     fn whitening_equals_the_dense_generalised_least_squares() {
         let noise = NoiseModel { white_counts2: 4.0, slow_counts2: 9.0, tau_s: 0.05 };
-        let times = [0.0, 0.01, 0.03, 0.035, 0.1, 0.4];
+        let times: [f64; 6] = [0.0, 0.01, 0.03, 0.035, 0.1, 0.4];
         let column = [1.0, -2.0, 0.5, 3.0, 1.0, 2.0];
         let v = DMatrix::from_fn(6, 6, |i, k| {
             let slow = 9.0 * (-(times[i] - times[k]).abs() / 0.05).exp();
