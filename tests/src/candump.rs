@@ -6,6 +6,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
+const SECOND_NS: i64 = 1_000_000_000;
 const UNPACK_LIMIT: Duration = Duration::from_secs(120);
 /// The identifier of the CAN FD message that carries a whole round.
 pub const ROUND_ID: &str = "180";
@@ -14,11 +15,11 @@ pub const ROUND: [&str; 7] = ["201", "202", "203", "101", "102", "103", "104"];
 /// Where the gauge messages carry their count of frames.
 const SEQUENCE_BYTE: usize = 6;
 
-/// One line of a recording: `(seconds.micros) interface ID#DATA`, or `ID##FDATA` for CAN FD.
+/// One line of a recording: `(seconds.fraction) interface ID#DATA`, or `ID##FDATA` for CAN FD.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// Microseconds since the Unix epoch.
-    pub stamp_us: i64,
+    /// Nanoseconds since the Unix epoch; candump writes microseconds, the daemon nanoseconds.
+    pub stamp_ns: i64,
     /// The interface's name.
     pub interface: String,
     /// The identifier in hexadecimal, as written.
@@ -37,8 +38,13 @@ impl Line {
 
     fn read(line: &str) -> Option<Self> {
         let mut words = line.split_ascii_whitespace();
-        let (seconds, micros) = words.next()?.strip_prefix('(')?.strip_suffix(')')?.split_once('.')?;
-        let stamp_us = seconds.parse::<i64>().ok()? * 1_000_000 + micros.parse::<i64>().ok()?;
+        let (seconds, fraction) = words.next()?.strip_prefix('(')?.strip_suffix(')')?.split_once('.')?;
+        let unit_ns = match fraction.len() {
+            6 => 1000,
+            9 => 1,
+            _ => return None,
+        };
+        let stamp_ns = seconds.parse::<i64>().ok()? * SECOND_NS + fraction.parse::<i64>().ok()? * unit_ns;
         let interface = words.next()?.to_owned();
         let (id, rest) = words.next()?.split_once('#')?;
         let (fd_flags, payload) = match rest.strip_prefix('#') {
@@ -49,7 +55,7 @@ impl Line {
             .step_by(2)
             .map(|at| payload.get(at..at + 2).and_then(|byte| u8::from_str_radix(byte, 16).ok()))
             .collect::<Option<Vec<u8>>>()?;
-        (micros.len() == 6).then_some(Self { stamp_us, interface, id: id.to_owned(), fd_flags, data })
+        Some(Self { stamp_ns, interface, id: id.to_owned(), fd_flags, data })
     }
 
     /// Identifier and payload as the line writes them: what must arrive unchanged. Of CAN FD's flags only bit rate
@@ -76,12 +82,12 @@ impl Line {
 
 impl fmt::Display for Line {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (seconds, micros) = (self.stamp_us / 1_000_000, self.stamp_us % 1_000_000);
+        let (seconds, micros) = (self.stamp_ns / SECOND_NS, self.stamp_ns % SECOND_NS / 1000);
         write!(f, "({seconds}.{micros:06}) {} {}", self.interface, self.written(|flags| flags))
     }
 }
 
-/// Reads a recording, plain or packed with gzip or zstd.
+/// Reads a recording, plain or packed with gzip or zstd. Remarks (`#`) are left out; anything else that is no data frame is a failure.
 pub fn read(path: &Path) -> Check<Vec<Line>> {
     let tool = match path.extension().and_then(|end| end.to_str()) {
         Some("gz") => "gzip",
@@ -93,10 +99,10 @@ pub fn read(path: &Path) -> Check<Vec<Line>> {
         command.args(["-d", "-c"]);
     }
     let finished = crate::process::run(command.arg(path), UNPACK_LIMIT)?;
-    finished.stdout().lines().map(Line::parse).collect()
+    finished.stdout().lines().filter(|line| !line.starts_with('#')).map(Line::parse).collect()
 }
 
-/// Writes a recording as plain text.
+/// Writes a recording as plain text, with microseconds.
 pub fn write(path: &Path, lines: &[Line]) -> Check {
     let mut text = String::new();
     for line in lines {
@@ -119,25 +125,25 @@ pub fn rounds(lines: &[Line]) -> Vec<[Line; ROUND.len()]> {
         .collect()
 }
 
-/// A recording of `count` rounds, `period_us` apart: these rounds to and fro, so that nothing jumps, with the gauges' counts of frames going on.
+/// A recording of `count` rounds, `period_ns` apart: these rounds to and fro, so that nothing jumps, with the gauges' counts of frames going on.
 /// Frames of a round keep the spacing of a 1 Mbit/s bus (0.132 ms).
-pub fn repeated(rounds: &[[Line; ROUND.len()]], count: usize, period_us: i64) -> Vec<Line> {
+pub fn repeated(rounds: &[[Line; ROUND.len()]], count: usize, period_ns: i64) -> Vec<Line> {
     let Some(first) = rounds.first() else { return Vec::new() };
     let mut lines = Vec::with_capacity(count * ROUND.len());
     let turn = (2 * rounds.len()).saturating_sub(2).max(1);
-    let mut start_us = first[0].stamp_us;
+    let mut start_ns = first[0].stamp_ns;
     for number in 0..count {
         let at = number % turn;
         let round = &rounds[if at < rounds.len() { at } else { turn - at }];
         for (place, line) in (0i64..).zip(round) {
             let mut line = line.clone();
-            line.stamp_us = start_us + place * 132;
+            line.stamp_ns = start_ns + place * 132_000;
             if line.id.starts_with('1') {
                 line.data[SEQUENCE_BYTE] = number.to_le_bytes()[0];
             }
             lines.push(line);
         }
-        start_us += period_us;
+        start_ns += period_ns;
     }
     lines
 }
@@ -163,7 +169,7 @@ pub fn as_fd(lines: &[Line]) -> Vec<Line> {
             // 56 bytes is no length of CAN FD; 64 is the next.
             data.resize(64, 0);
             let (id, interface) = (ROUND_ID.to_owned(), line.interface.clone());
-            packed.push(Line { stamp_us: line.stamp_us, interface, id, fd_flags: Some('1'), data });
+            packed.push(Line { stamp_ns: line.stamp_ns, interface, id, fd_flags: Some('1'), data });
             open.clear();
         }
     }
@@ -174,9 +180,9 @@ pub fn as_fd(lines: &[Line]) -> Vec<Line> {
 mod tests {
     use super::*;
 
-    fn round(stamp_us: i64, value: u8) -> [Line; ROUND.len()] {
+    fn round(stamp_ns: i64, value: u8) -> [Line; ROUND.len()] {
         ROUND.map(|id| Line {
-            stamp_us,
+            stamp_ns,
             interface: "can0".into(),
             id: id.into(),
             fd_flags: None,
@@ -194,6 +200,9 @@ mod tests {
             assert_eq!(Line::parse(text).unwrap().to_string(), text);
         }
         assert_eq!(Line::parse("(0000000000.000001) vcan1 180##51122").unwrap().frame(), "180##11122");
+        let exact = "(1790000000.000019123) can0 201#3E9507008979E2FF";
+        assert_eq!(Line::parse(exact).unwrap().stamp_ns, 1_790_000_000_000_019_123);
+        assert_eq!(Line::parse(exact).unwrap().to_string(), exact.replace("123)", ")"));
         for bad in [
             "",
             "201#00",
@@ -201,6 +210,7 @@ mod tests {
             "(1.000000) can0 201#0",
             "(1.000000) can0 201#R",
             "(1.000000)",
+            "(1.0000000) can0 201#00",
         ] {
             assert!(Line::parse(bad).is_err(), "{bad}");
         }
@@ -209,12 +219,12 @@ mod tests {
     #[test]
     fn rounds_turn_back_at_the_end_and_count_on() {
         let given = [round(0, 1), round(8000, 2), round(16000, 3)];
-        let lines = repeated(&given, 300, 1000);
+        let lines = repeated(&given, 300, 1_000_000);
         assert_eq!(lines.len(), 300 * ROUND.len());
         let firsts: Vec<&Line> = lines.iter().filter(|line| line.id == "201").collect();
         let values: Vec<u8> = firsts.iter().take(6).map(|line| line.data[0]).collect();
         assert_eq!(values, [1, 2, 3, 2, 1, 2]);
-        assert!(firsts.windows(2).all(|pair| pair[1].stamp_us - pair[0].stamp_us == 1000));
+        assert!(firsts.windows(2).all(|pair| pair[1].stamp_ns - pair[0].stamp_ns == 1_000_000));
         let counts: Vec<u8> =
             lines.iter().filter(|line| line.id == "104").map(|line| line.data[SEQUENCE_BYTE]).collect();
         assert!(counts.windows(2).all(|pair| pair[1] == pair[0].wrapping_add(1)));

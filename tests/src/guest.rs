@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 
 const STEP_LIMIT: Duration = Duration::from_secs(20);
 const LISTEN_LIMIT: Duration = Duration::from_secs(20);
-/// Room for some 80 000 classical frames while the capturing program waits for the processor.
-const CAPTURE_BUFFER: &str = "33554432";
+/// Room for some 200 000 classical frames while the capturing program waits for the processor.
+const CAPTURE_BUFFER: &str = "100663296";
 /// The kernel's lists of who receives what.
 const RECEIVER_LISTS: [&str; 6] =
     ["rcvlist_all", "rcvlist_eff", "rcvlist_err", "rcvlist_fil", "rcvlist_inv", "rcvlist_sff"];
@@ -79,6 +79,16 @@ impl Guest {
         packets.ok_or_else(|| Failure::new(format!("no count of {interface} in {}:\n{text}", path.display())))
     }
 
+    /// Waits until the kernel has so many receivers on a link.
+    pub fn wait_for_receivers(&self, interface: &str, count: usize) -> Check {
+        let deadline = Instant::now() + LISTEN_LIMIT;
+        while self.receivers(interface)? < count {
+            ensure!(Instant::now() < deadline, "{interface} has fewer than {count} receivers");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Ok(())
+    }
+
     fn listening(&self, interface: &str, start: impl FnOnce() -> Check<Program>) -> Check<Program> {
         let before = self.receivers(interface)?;
         let mut program = start()?;
@@ -132,6 +142,11 @@ impl Capture {
             }
             size = now;
         }
+        self.stop_at_once()
+    }
+
+    /// Ends the capture of a link that is never silent, wherever it is. A frame that the kernel dropped is a failure.
+    pub fn stop_at_once(self) -> Check<Captured> {
         // candump says what it dropped among the frames, and on signals ends as it ends otherwise.
         let finished = self.program.stop(STEP_LIMIT)?;
         ensure!(finished.stderr().is_empty(), "candump said: {}", finished.stderr());

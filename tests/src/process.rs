@@ -100,9 +100,15 @@ impl Program {
 
     /// Waits for a line (of either output) that contains the text, and returns it. A program that ends before is a failure.
     pub fn wait_for(&mut self, text: &str, limit: Duration) -> Check<String> {
+        self.wait_for_nth(text, 1, limit)
+    }
+
+    /// The same for the line that contains the text for the given time, counted from 1.
+    pub fn wait_for_nth(&mut self, text: &str, number: usize, limit: Duration) -> Check<String> {
         let mut found = None;
         self.shared.wait(Instant::now() + limit, |output| {
-            found = output.lines.iter().find(|(_, line)| line.contains(text)).map(|(_, line)| line.clone());
+            let mut all = output.lines.iter().filter(|(_, line)| line.contains(text));
+            found = all.nth(number.saturating_sub(1)).map(|(_, line)| line.clone());
             found.is_some() || output.open == 0
         });
         match found {

@@ -1,6 +1,6 @@
 //! The programs under test, built as a user builds them.
 
-use crate::process;
+use crate::process::{self, Finished};
 use crate::scratch::target_dir;
 use crate::{Check, Failure, ensure};
 use std::path::{Path, PathBuf};
@@ -11,6 +11,7 @@ use std::time::Duration;
 const BUILD_LIMIT: Duration = Duration::from_secs(1800);
 const WRENCHD_VARIABLE: &str = "WRENCHD_TEST_WRENCHD";
 const WRENCHCTL_VARIABLE: &str = "WRENCHD_TEST_WRENCHCTL";
+const SOCKET_TESTS_VARIABLE: &str = "WRENCHD_TEST_SOCKET_TESTS";
 
 /// Where the programs are.
 #[derive(Clone, Debug)]
@@ -40,20 +41,45 @@ fn from_environment() -> Option<Programs> {
     Some(Programs { wrenchd: path(WRENCHD_VARIABLE)?, wrenchctl: path(WRENCHCTL_VARIABLE)? })
 }
 
+/// Runs cargo in the workspace, into the build directory that the tests themselves were built into.
+fn cargo(arguments: &[&str], target: &Path) -> Check<Finished> {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.args(arguments).args(["--locked", "--target-dir"]).arg(target).current_dir(workspace());
+    process::run(&mut command, BUILD_LIMIT)
+}
+
 fn build() -> Check<Programs> {
     let target = target_dir()?;
-    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command
-        .args(["build", "--release", "--locked", "-p", "wrenchd", "-p", "wrenchctl", "--target-dir"])
-        .arg(&target)
-        .current_dir(workspace());
-    process::run(&mut command, BUILD_LIMIT)?;
+    cargo(&["build", "--release", "-p", "wrenchd", "-p", "wrenchctl"], &target)?;
     let release = target.join("release");
     let programs = Programs { wrenchd: release.join("wrenchd"), wrenchctl: release.join("wrenchctl") };
     for program in [&programs.wrenchd, &programs.wrenchctl] {
         ensure!(program.is_file(), "cargo built no {}", program.display());
     }
     Ok(programs)
+}
+
+/// The tests of the socket source, which need `vcan0` and `vcan1`: an executable of cargo's usual harness, built once a process.
+pub fn socket_tests() -> Check<&'static Path> {
+    static TESTS: OnceLock<Check<PathBuf>> = OnceLock::new();
+    let given = || std::env::var_os(SOCKET_TESTS_VARIABLE).map(PathBuf::from);
+    let outcome = TESTS.get_or_init(|| given().map_or_else(build_socket_tests, Ok));
+    outcome.as_deref().map_err(|failure| Failure::new(failure.words()))
+}
+
+fn build_socket_tests() -> Check<PathBuf> {
+    let arguments = ["test", "--no-run", "--message-format=json", "-p", "wrenchd-can", "--test", "vcan"];
+    let said = cargo(&arguments, &target_dir()?)?.stdout();
+    // One JSON object a line; the only executable among them is the one asked for.
+    let mut found =
+        said.lines().filter_map(|line| Some(line.split_once("\"executable\":\"")?.1.split_once('"')?.0));
+    let path = found.next_back().map(PathBuf::from).filter(|path| path.is_file());
+    path.ok_or_else(|| Failure::new(format!("cargo built no tests of the socket source; it said:\n{said}")))
+}
+
+/// The variable that hands these tests to the inside of the machine.
+pub fn socket_tests_environment(tests: &Path) -> (&'static str, &Path) {
+    (SOCKET_TESTS_VARIABLE, tests)
 }
 
 impl Programs {

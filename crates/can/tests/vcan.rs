@@ -1,6 +1,6 @@
-//! The socket source and sender on a real interface: needs `vcan0` and `vcan1` (mtu 72, up) and the right to delete links
+//! The socket source and sender on real interfaces: needs `vcan0` and `vcan1` (mtu 72, up) and the right to delete links
 //!
-//! `cargo test -p wrenchd-can --test vcan -- --ignored --test-threads 1`; whole-program tests run on their own machine.
+//! So `cargo test` builds it only where it is asked for by name, and the whole-program tests run it inside their machine.
 #![allow(clippy::unwrap_used, clippy::panic)] // a test may
 #![cfg(target_os = "linux")]
 
@@ -39,7 +39,6 @@ fn id(number: u32) -> CanId {
 }
 
 #[test]
-#[ignore = "needs vcan0 and vcan1"]
 fn every_kind_of_frame_from_two_interfaces_with_kernel_stamps() {
     let options = SocketOptions::default();
     let mut source = SocketSource::open(&[("vcan0", options.clone()), ("vcan1", options)]).unwrap();
@@ -70,7 +69,6 @@ fn every_kind_of_frame_from_two_interfaces_with_kernel_stamps() {
 }
 
 #[test]
-#[ignore = "needs vcan0 and vcan1"]
 fn filters_let_through_only_what_is_wanted() {
     let options = SocketOptions {
         filters: Some(vec![id(0x101), CanId::extended(0x102).unwrap()]),
@@ -87,7 +85,6 @@ fn filters_let_through_only_what_is_wanted() {
 }
 
 #[test]
-#[ignore = "needs vcan0 and vcan1"]
 fn what_the_kernel_drops_is_counted_exactly() {
     let options = SocketOptions { receive_buffer: 16 * 1024, ..Default::default() };
     let mut source = SocketSource::open(&[("vcan0", options)]).unwrap();
@@ -105,7 +102,6 @@ fn what_the_kernel_drops_is_counted_exactly() {
 }
 
 #[test]
-#[ignore = "needs vcan0 and vcan1"]
 fn down_up_deleted_and_added_again() {
     let mut source = SocketSource::open(&[("vcan1", SocketOptions::default())]).unwrap();
     let mut sender = SocketSender::open("vcan1").unwrap();

@@ -143,15 +143,16 @@ pub fn as_if_outside(command: &mut Command) {
     command.env_remove(SCRATCH_VARIABLE);
 }
 
-/// Brings up the links that every program inside finds: lo, vcan0 and vcan1, wide enough for CAN FD.
+/// Brings up the links that every program inside finds, where they are not: lo, vcan0 and vcan1, wide enough for CAN FD.
 pub fn bring_up_links() -> Check {
-    let mut steps: Vec<Vec<&str>> = vec![vec!["link", "set", "lo", "up"]];
+    let step =
+        |words: &[&str]| process::run(Command::new("ip").args(words), Duration::from_secs(20)).map(drop);
+    step(&["link", "set", "lo", "up"])?;
     for name in ["vcan0", "vcan1"] {
-        steps.push(vec!["link", "add", name, "mtu", "72", "type", "vcan"]);
-        steps.push(vec!["link", "set", name, "up"]);
-    }
-    for step in steps {
-        process::run(Command::new("ip").args(&step), Duration::from_secs(20))?;
+        if step(&["link", "show", name]).is_err() {
+            step(&["link", "add", name, "mtu", "72", "type", "vcan"])?;
+        }
+        step(&["link", "set", name, "up"])?;
     }
     Ok(())
 }

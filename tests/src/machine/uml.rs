@@ -15,7 +15,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 /// Memory of the machine. It is a file that grows as it is used.
-const MEMORY_MIB: u64 = 512;
+const MEMORY_MIB: u64 = 1024;
 /// A boot takes about a second; a loaded computer may take longer.
 const BOOT_LIMIT: Duration = Duration::from_secs(120);
 const COMPILE_LIMIT: Duration = Duration::from_secs(60);

@@ -2,11 +2,15 @@
 
 mod bus;
 mod daemon;
+mod live;
+mod published;
 mod rig;
+mod service;
+mod tools;
 
 use std::process::ExitCode;
 use wrenchd_tests::suite;
 
 fn main() -> ExitCode {
-    suite::main(&[bus::SCENARIOS, daemon::SCENARIOS])
+    suite::main(&[bus::SCENARIOS, daemon::SCENARIOS, service::SCENARIOS, tools::SCENARIOS])
 }
