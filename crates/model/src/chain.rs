@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::error::{UrdfError, suggestion};
 use crate::spatial::{Pose, RigidBody, rotation_about};
-use crate::urdf::{UrdfError, suggestion};
 
 /// How a joint's child moves against its parent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -7,6 +7,7 @@
 
 pub mod chain;
 pub mod dynamics;
+mod error;
 pub mod estimator;
 pub mod motion;
 pub mod sensing;
