@@ -308,25 +308,7 @@ fn warnings(dataset: &Dataset, gauges: &[Gauge], names: &[&str], recordings: &[R
             dataset.sessions.len()
         ));
     }
-    for recording in recordings {
-        let met = &recording.met;
-        let odd = [
-            (met.wrong_length, "frames of wrong length"),
-            (met.missed, "missed messages"),
-            (met.repeated + met.duplicates, "repeated frames"),
-            (met.late, "late frames"),
-            (met.steps_back + met.steps_forward, "steps of the clock"),
-        ];
-        let said: Vec<String> =
-            odd.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
-        if !said.is_empty() {
-            out.push(format!(
-                "{}: {}; the instants concerned are used as far as they go",
-                recording.name,
-                said.join(", ")
-            ));
-        }
-    }
+    out.extend(recordings.iter().filter_map(Recording::oddities));
     for (name, gauge) in names.iter().zip(gauges) {
         if gauge.outliers > 0 {
             let all = gauge.readings + gauge.outliers;

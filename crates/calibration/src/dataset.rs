@@ -57,6 +57,8 @@ impl Window {
 pub struct Dataset {
     /// The stretches.
     pub windows: Vec<Window>,
+    /// Names of the recordings.
+    pub recordings: Vec<String>,
     /// Names of the sessions; gauges have one zero in each.
     pub sessions: Vec<String>,
     /// Noise of each coordinate's encoder.
@@ -72,6 +74,7 @@ impl Dataset {
     pub fn new(rig: &Rig, recordings: &[Recording]) -> Result<Self, Error> {
         let mut dataset = Self {
             windows: Vec::new(),
+            recordings: recordings.iter().map(|r| r.name.clone()).collect(),
             sessions: Vec::new(),
             encoders: Vec::new(),
             reference_covariance: reference_noise(recordings),

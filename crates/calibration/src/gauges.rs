@@ -4,7 +4,7 @@ use model::estimator::GaugeCovariance;
 use model::sensing::{CHARACTERISTIC_LENGTH_M, Compliance};
 use nalgebra::{Matrix6, Vector6};
 
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, Window};
 use crate::error::Error;
 use crate::noise::NoiseModel;
 use crate::observability::Directions;
@@ -96,7 +96,44 @@ fn pass(dataset: &Dataset, gauge: usize, name: &str) -> Result<Pass, Error> {
     let second = solve::collect(dataset, gauge, &noise, Some(&ordinary)).smallest(TOLERANCE);
     let noise = find_noise(&second)?;
     let information = solve::collect(dataset, gauge, &noise, Some(&second));
+    let all = information.readings + information.outliers;
+    if information.outliers as f64 > MOST_OUTLIERS * all as f64 {
+        return Err(misfit(dataset, gauge, name, &information, &noise, &second));
+    }
     Ok(Pass { information, ordinary, nominal, noise })
+}
+
+/// A gauge of which more than this share of readings is far from any fit is not noisy: something else is wrong.
+const MOST_OUTLIERS: f64 = 0.04;
+
+/// Says where the readings fit least, and what makes them so.
+fn misfit(
+    dataset: &Dataset,
+    gauge: usize,
+    name: &str,
+    information: &Information,
+    noise: &NoiseModel,
+    estimate: &Estimate,
+) -> Error {
+    let all = information.readings + information.outliers;
+    let share = 100.0 * information.outliers as f64 / all as f64;
+    let off = |window: &Window| {
+        let residuals = (0..window.times_s.len()).filter_map(|k| estimate.residual(window, gauge, k));
+        residuals.map(|r| (r / noise.sigma_counts()).powi(2)).sum::<f64>()
+    };
+    let worst = dataset.windows.iter().max_by(|a, b| off(a).total_cmp(&off(b)));
+    let place = worst.map_or_else(String::new, |w| {
+        let (from, to) = (w.times_s[0], w.times_s[w.times_s.len() - 1]);
+        let pushed = if w.reference.is_empty() { "" } else { " and a reference" };
+        format!(
+            ", worst from {from:.1} to {to:.1} s of {} (with {:.3} kg{pushed} at the tip)",
+            dataset.recordings[w.recording], w.body.mass_kg
+        )
+    });
+    let problem = format!(
+        "{share:.0} % of its readings are far from what any gauge could make of these loads{place}; check masses (kg), com (m) and times of the [[load]]s, sign and axes of the reference, signs of the joints and the URDF, and whether the gauge failed; [[exclude]] what is spoilt"
+    );
+    Error::data(format!("sensor \"{name}\""), problem)
 }
 
 fn finish(dataset: &Dataset, gauge: usize, pass: Pass, directions: Directions, widths: &Widths) -> Gauge {

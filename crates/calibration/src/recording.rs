@@ -49,6 +49,13 @@ impl Recording {
         recording.loads = run.loads.clone();
         recording.excludes = run.excludes.clone();
         recording.reference = run.reference.clone();
+        if recording.met.steps_back > 0 {
+            let problem = format!(
+                "its time steps back {} times: loads and reference cannot be placed; `wrenchctl stats` shows where, cut the log there",
+                recording.met.steps_back
+            );
+            return Err(Error::data(run.log.display(), problem));
+        }
         let last_ns = recording.at_ns.last().copied().unwrap_or(recording.start_ns);
         run.check_span((last_ns - recording.start_ns) as f64 * 1e-9)?;
         Ok(recording)
@@ -80,6 +87,32 @@ impl Recording {
     /// An instant on the loads' clock: s from the log's first frame.
     pub fn time_s(&self, instant: usize) -> f64 {
         (self.at_ns[instant] - self.start_ns) as f64 * 1e-9
+    }
+
+    /// What was odd about the frames, as one line for a person; `None` where nothing was.
+    pub fn oddities(&self) -> Option<String> {
+        let met = &self.met;
+        let odd = [
+            (met.wrong_length, "frames of wrong length"),
+            (met.missed, "missed messages"),
+            (met.repeated + met.duplicates, "repeated frames"),
+            (met.late, "late frames"),
+            (met.steps_back, "steps back of the clock"),
+            (met.steps_forward, "steps forward of the clock"),
+        ];
+        let said: Vec<String> =
+            odd.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+        let silent: Vec<String> = self
+            .counts
+            .iter()
+            .enumerate()
+            .map(|(gauge, readings)| (gauge, readings.iter().flatten().count()))
+            .filter(|(_, n)| *n * 20 < self.len() * 19)
+            .map(|(gauge, n)| format!("gauge {} reads at {n} of {} instants", gauge + 1, self.len()))
+            .collect();
+        let all: Vec<String> = said.into_iter().chain(silent).collect();
+        (!all.is_empty())
+            .then(|| format!("{}: {}; the rest is used as far as it goes", self.name, all.join(", ")))
     }
 
     /// Whether a time (s from the log's first frame) is excluded.

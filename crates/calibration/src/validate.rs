@@ -12,6 +12,7 @@ use nalgebra::Vector6;
 use rig::cycle::{Estimate, MotionTracker, Stage};
 use rig::{ModelFile, Rig, Run, Status};
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 use crate::error::Error;
 use crate::recording::{Recording, for_each_frame};
@@ -35,6 +36,8 @@ pub struct Validation {
     pub full_scale_n: f64,
     /// Instants without a valid wrench.
     pub invalid: u64,
+    /// Scored instants by what their status says: none of the flags, or each flag by its name.
+    pub status: BTreeMap<&'static str, u64>,
 }
 
 /// Scores of a baseline.
@@ -95,6 +98,7 @@ pub fn validate(
     let mut sums = [Split::default(); 3];
     let mut full_scale_n: f64 = 0.0;
     let mut invalid = 0;
+    let mut status = BTreeMap::new();
     for (run, recording) in runs {
         let mut assembler = Assembler::new(&rig.layout)?;
         let mut scorer = Scorer::new(rig, model, recording, smoothed);
@@ -108,6 +112,7 @@ pub fn validate(
                 if !recording.is_excluded(next.t_s) {
                     full_scale_n = full_scale_n.max(next.truth.force_n.amax());
                     invalid += u64::from(next.estimate.status.has(Status::INVALID));
+                    next.estimate.status.names().for_each(|name| *status.entry(name).or_default() += 1);
                     score(&mut sums, &next, baselines);
                 }
                 failed = failed.take().or(row(&next).err());
@@ -116,6 +121,13 @@ pub fn validate(
         if let Some(error) = failed {
             return Err(error);
         }
+    }
+    if sums[0].iter().all(|s| s.n == 0) {
+        let names: Vec<&str> = runs.iter().map(|(_, recording)| recording.name.as_str()).collect();
+        let problem = format!(
+            "nothing to score: {invalid} instants have no wrench, all others are in an [[exclude]]; look at the gauges with `wrenchctl stats --config`"
+        );
+        return Err(Error::data(names.join(", "), problem));
     }
     let scores = |s: &Split, honest: bool| {
         let both = s[0].plus(&s[1]);
@@ -135,6 +147,7 @@ pub fn validate(
         nominal_axes: baseline(&sums[2]),
         full_scale_n,
         invalid,
+        status,
     })
 }
 

@@ -19,6 +19,12 @@ use crate::{Rig, RigError};
 /// A wrench whose worst direction is less certain than this is flagged, N (moments over 0.1 m).
 pub const UNCERTAIN_ABOVE_N: f64 = 1.0;
 
+/// A wrench whose worst direction is less certain than this is no answer at all, N (moments over 0.1 m).
+pub const INVALID_ABOVE_N: f64 = 10.0;
+
+/// A gauge with noise of its own that says exactly the same so many times in a row has stopped measuring.
+pub const STUCK_AFTER: u32 = 5;
+
 /// Parity beyond this many standard deviations of a good arm's is flagged.
 pub const PARITY_LIMIT_SIGMA: f64 = 8.0;
 
@@ -46,6 +52,8 @@ pub enum Refusal {
     JointUnknown(usize),
     /// The estimator has no answer.
     Estimator(NoWrench),
+    /// The worst direction is less certain than [`INVALID_ABOVE_N`].
+    TooUncertain,
 }
 
 impl std::fmt::Display for Refusal {
@@ -58,6 +66,10 @@ impl std::fmt::Display for Refusal {
                 f.write_str("the gauges do not see all six directions in this pose")
             }
             Self::Estimator(NoWrench::NotFinite) => f.write_str("a reading is not a finite number"),
+            Self::TooUncertain => write!(
+                f,
+                "the usable gauges leave a direction uncertain by more than {INVALID_ABOVE_N} N in this pose"
+            ),
         }
     }
 }
@@ -67,6 +79,31 @@ impl std::fmt::Display for Refusal {
 pub struct Stage {
     estimator: WrenchEstimator,
     counts: Vec<Option<f64>>,
+    watches: Vec<StuckWatch>,
+}
+
+/// Tells a gauge that stands still from one that is quiet.
+#[derive(Clone, Copy, Debug)]
+struct StuckWatch {
+    /// Whether the gauge's noise is large enough for equal readings to mean something.
+    noisy: bool,
+    last_counts: f64,
+    repeats: u32,
+}
+
+impl StuckWatch {
+    fn new(gauge: &GaugeModel) -> Self {
+        /// Noise of so many counts makes equal readings in a row rarer than one in a million.
+        const NOISY_COUNTS: f64 = 10.0;
+        Self { noisy: gauge.noise_counts2 > NOISY_COUNTS.powi(2), last_counts: f64::NAN, repeats: 0 }
+    }
+
+    /// Takes in the next reading; whether the gauge is stuck.
+    fn is_stuck(&mut self, counts: f64) -> bool {
+        self.repeats = if counts == self.last_counts { self.repeats.saturating_add(1) } else { 0 };
+        self.last_counts = counts;
+        self.noisy && self.repeats >= STUCK_AFTER
+    }
 }
 
 impl Stage {
@@ -74,6 +111,7 @@ impl Stage {
     pub fn new(rig: &Rig, gauges: Vec<GaugeModel>) -> Self {
         let n = gauges.len();
         Self {
+            watches: gauges.iter().map(StuckWatch::new).collect(),
             estimator: WrenchEstimator::new(&rig.chain, &rig.sections, gauges),
             counts: Vec::with_capacity(n),
         }
@@ -83,13 +121,23 @@ impl Stage {
     pub fn estimate(&mut self, snapshot: &Snapshot, motion: &[JointMotion], status: Status) -> Estimate {
         let mut status = status;
         self.counts.clear();
-        for gauge in &snapshot.gauges {
-            status = status.with(gauge.map_or_else(left_out, |_| Status::GOOD));
-            self.counts.push(gauge.ok().map(|reading| reading.value));
+        for (gauge, watch) in snapshot.gauges.iter().zip(&mut self.watches) {
+            let counts = match gauge {
+                Ok(reading) if watch.is_stuck(reading.value) => Err(Status::DEGRADED),
+                Ok(reading) => Ok(reading.value),
+                Err(absence) => Err(left_out(*absence)),
+            };
+            status = status.with(counts.err().unwrap_or_default());
+            self.counts.push(counts.ok());
         }
         let outcome = self.estimator.estimate(motion, &self.counts).map_err(Refusal::Estimator);
+        let outcome = outcome.and_then(|solution| match worst_sigma_n(&solution) <= INVALID_ABOVE_N {
+            true => Ok(solution),
+            false => Err(Refusal::TooUncertain),
+        });
         status = status.with(match &outcome {
             Ok(solution) => judge(solution),
+            Err(Refusal::TooUncertain) => Status::INVALID.with(Status::UNCERTAIN),
             Err(_) => Status::INVALID,
         });
         Estimate {
@@ -222,11 +270,44 @@ fn left_out(absence: Absence) -> Status {
     })
 }
 
+/// Standard deviation of the worst direction, N (moments over the characteristic length).
+fn worst_sigma_n(solution: &Solution) -> f64 {
+    1.0 / solution.singular_values_per_n[5]
+}
+
 /// What a solution says about itself.
 fn judge(solution: &Solution) -> Status {
-    let uncertain = 1.0 > UNCERTAIN_ABOVE_N * solution.singular_values_per_n[5];
+    let uncertain = worst_sigma_n(solution) > UNCERTAIN_ABOVE_N;
     let limit = PARITY_LIMIT_SIGMA.powi(2) + solution.parity_dof as f64;
     let parity = solution.parity_dof > 0 && solution.parity_chi2 > limit;
     let flag = |raised: bool, status| if raised { status } else { Status::GOOD };
     flag(uncertain, Status::UNCERTAIN).with(flag(parity, Status::PARITY))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gauge(noise_counts: f64) -> GaugeModel {
+        GaugeModel {
+            compliance: nalgebra::Vector6::zeros(),
+            bias_counts: 0.0,
+            covariance: nalgebra::SMatrix::zeros(),
+            assumed: None,
+            noise_counts2: noise_counts * noise_counts,
+        }
+    }
+
+    #[test]
+    fn a_noisy_gauge_that_repeats_itself_is_stuck_until_it_moves() {
+        let mut watch = StuckWatch::new(&gauge(700.0));
+        let stuck: Vec<bool> = [3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 4.0].map(|c| watch.is_stuck(c)).into();
+        assert_eq!(stuck, [false, false, false, false, false, true, true, false]);
+    }
+
+    #[test]
+    fn a_quiet_gauge_may_repeat_itself() {
+        let mut watch = StuckWatch::new(&gauge(0.5));
+        assert!((0..100).all(|_| !watch.is_stuck(3.0)));
+    }
 }

@@ -46,19 +46,23 @@ impl Status {
     }
 }
 
+/// Names of the flags from bit 0 up.
+const NAMES: [&str; 8] =
+    ["invalid", "degraded", "saturated", "stale", "uncertain", "parity", "tared", "reserved"];
+
+impl Status {
+    /// Names of the flags that are set; "good" where none is.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        let set = (0..8).filter(move |bit| self.0 & (1 << bit) != 0).map(|bit| NAMES[bit]);
+        set.chain((self.0 == 0).then_some("good"))
+    }
+}
+
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        const NAMES: [&str; 8] =
-            ["invalid", "degraded", "saturated", "stale", "uncertain", "parity", "tared", "reserved"];
-        if self.0 == 0 {
-            return f.write_str("good");
-        }
-        let mut separator = "";
-        for (bit, name) in NAMES.iter().enumerate() {
-            if self.0 & (1 << bit) != 0 {
-                write!(f, "{separator}{name}")?;
-                separator = "+";
-            }
+        for (k, name) in self.names().enumerate() {
+            f.write_str(if k > 0 { "+" } else { "" })?;
+            f.write_str(name)?;
         }
         Ok(())
     }

@@ -133,6 +133,7 @@ fn code(outcome: &Result<Solution, Why>) -> u64 {
         Err(Why::Refused(Refusal::Estimator(NoWrench::TooFewGauges))) => 5,
         Err(Why::Refused(Refusal::Estimator(NoWrench::Singular))) => 6,
         Err(Why::Refused(Refusal::Estimator(NoWrench::NotFinite))) => 7,
+        Err(Why::Refused(Refusal::TooUncertain)) => 8,
         Err(Why::Refused(Refusal::JointUnknown(coordinate))) => 256 + *coordinate as u64,
     }
 }
@@ -147,6 +148,7 @@ fn why(code: u64) -> Option<Why> {
         5 => Why::Refused(Refusal::Estimator(NoWrench::TooFewGauges)),
         6 => Why::Refused(Refusal::Estimator(NoWrench::Singular)),
         7 => Why::Refused(Refusal::Estimator(NoWrench::NotFinite)),
+        8 => Why::Refused(Refusal::TooUncertain),
         joint => Why::Refused(Refusal::JointUnknown(joint.saturating_sub(256) as usize)),
     })
 }
@@ -173,6 +175,7 @@ mod tests {
             Err(Why::Stopping),
             Err(Why::Refused(Refusal::NothingYet)),
             Err(Why::Refused(Refusal::JointUnknown(5))),
+            Err(Why::Refused(Refusal::TooUncertain)),
             estimator(NoWrench::TooFewGauges),
             estimator(NoWrench::Singular),
             estimator(NoWrench::NotFinite),

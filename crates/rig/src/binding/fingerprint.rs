@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use can::assembly::Layout;
 use model::chain::{Chain, Joint, Section};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -11,8 +12,8 @@ use crate::config::Config;
 /// What a calibrated model depends on: gauges in order, their sections, and the arm's kinematics and inertias.
 ///
 /// File names, formatting, limits and what does not belong to the chain do not count, nor does what may change after
-/// a calibration: the tool, gravity, the signals' places on the bus.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+/// a calibration: the tool, gravity, the signals' places on the bus (but what a bit of a gauge's signal means does).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Fingerprint {
     /// Gauges in the configuration's order.
     pub sensors: Vec<SensorPrint>,
@@ -21,7 +22,7 @@ pub struct Fingerprint {
 }
 
 /// Where one gauge sits.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SensorPrint {
     /// Name.
     pub name: String,
@@ -29,6 +30,12 @@ pub struct SensorPrint {
     pub section: String,
     /// SHA-256 of its nominal sensing frame against the child link's.
     pub frame_sha256: String,
+    /// Counts that one bit of its signal stands for.
+    pub counts_per_bit: f64,
+    /// Counts at raw zero.
+    pub offset_counts: f64,
+    /// Unit of its signal in the DBC.
+    pub unit: String,
 }
 
 /// One joint with its child link.
@@ -44,14 +51,17 @@ pub struct JointPrint {
 
 impl Fingerprint {
     /// The fingerprint of a chain without tool and of the gauges on it.
-    pub(super) fn new(config: &Config, chain: &Chain, sections: &[Section]) -> Self {
-        let sensors = config.sensors.iter().zip(sections);
+    pub(super) fn new(config: &Config, chain: &Chain, sections: &[Section], layout: &Layout) -> Self {
+        let sensors = config.sensors.iter().zip(sections).zip(&layout.gauges);
         Self {
             sensors: sensors
-                .map(|(sensor, section)| SensorPrint {
+                .map(|((sensor, section), gauge)| SensorPrint {
                     name: sensor.name.clone(),
                     section: sensor.section.clone(),
                     frame_sha256: of_numbers("", section.r_cs.iter().copied()),
+                    counts_per_bit: gauge.counts.spec.scale,
+                    offset_counts: gauge.counts.spec.offset,
+                    unit: gauge.counts.spec.unit.clone(),
                 })
                 .collect(),
             joints: chain.joints.iter().map(JointPrint::new).collect(),
@@ -63,7 +73,12 @@ impl Fingerprint {
     pub fn sha256(&self) -> String {
         let mut text = String::new();
         for sensor in &self.sensors {
-            let _ = writeln!(text, "sensor {:?} {:?} {}", sensor.name, sensor.section, sensor.frame_sha256);
+            let reading = (sensor.counts_per_bit, sensor.offset_counts, &sensor.unit);
+            let _ = writeln!(
+                text,
+                "sensor {:?} {:?} {} {reading:?}",
+                sensor.name, sensor.section, sensor.frame_sha256
+            );
         }
         for joint in &self.joints {
             let _ =
@@ -109,6 +124,16 @@ fn sensors_differ(model: &[SensorPrint], here: &[SensorPrint]) -> Option<String>
             return Some(format!(
                 "its gauge \"{name}\" sits at \"{}\", the configuration's at \"{}\"",
                 model.section, here.section
+            ));
+        }
+        let reading = |s: &SensorPrint| (s.counts_per_bit, s.offset_counts, s.unit.clone());
+        if reading(model) != reading(here) {
+            let said = |s: &SensorPrint| format!("({},{}) \"{}\"", s.counts_per_bit, s.offset_counts, s.unit);
+            return Some(format!(
+                "its gauge \"{}\" is read with scale, offset and unit {}, the configuration's with {}",
+                model.name,
+                said(model),
+                said(here)
             ));
         }
         (model.frame_sha256 != here.frame_sha256)

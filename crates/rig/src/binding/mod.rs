@@ -68,7 +68,10 @@ impl Rig {
         let bare = Chain::from_urdf(urdf, &urdf_name, &robot.base, &robot.tip, gravity)?;
         let joint_entries = match_joints(&config, &bare)?;
         let sections = find_sections(&config, &bare)?;
-        let fingerprint = Fingerprint::new(&config, &bare, &sections);
+        let parsed = Dbc::parse(&latin1_or_utf8(dbc), &config.bus.dbc.display().to_string())?;
+        let (layout, messages) = signals::bind(&config, &parsed, &joint_entries)?;
+        Assembler::new(&layout)?;
+        let fingerprint = Fingerprint::new(&config, &bare, &sections, &layout);
         let chain = match &config.tool {
             Some(tool) => {
                 let inertia = tool.inertia.unwrap_or_default().rows_kg_m2;
@@ -77,9 +80,6 @@ impl Rig {
             }
             None => bare,
         };
-        let parsed = Dbc::parse(&latin1_or_utf8(dbc), &config.bus.dbc.display().to_string())?;
-        let (layout, messages) = signals::bind(&config, &parsed, &joint_entries)?;
-        Assembler::new(&layout)?;
         Ok(Self {
             warnings: chain.warnings.clone(),
             urdf_sha256: sha256_hex(urdf.as_bytes()),

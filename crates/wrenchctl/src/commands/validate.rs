@@ -29,8 +29,15 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
     /// Answer "no" (exit status 1) if the force RMS of still instants is above this, N
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = positive)]
     pub max_force_rms: Option<f64>,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err("give a positive number of newtons".to_owned()),
+    }
 }
 
 /// Scores, and prints the table.
@@ -39,6 +46,9 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     let rig = Rig::load(runs[0].config.clone())?;
     let model = ModelFile::load(&args.model, &rig)?;
     let recordings = read(&runs, &rig)?;
+    for odd in recordings.iter().filter_map(calibration::Recording::oddities) {
+        output::note(format_args!("{odd}"));
+    }
     let pairs: Vec<_> = runs.iter().zip(recordings).collect();
     let mut csv = args.csv.as_ref().map(|_| b"t,fx,fy,fz,tx,ty,tz,sfx,sfy,sfz,stx,sty,stz,status\n".to_vec());
     let result = calibration::validate::validate(&pairs, &rig, &model, args.smooth, |row| {
@@ -115,8 +125,7 @@ fn summary(result: &Validation, out: &mut impl Write) -> Result<(), Error> {
     add("nominal axes, still", &result.nominal_axes.still);
     add("  moving", &result.nominal_axes.moving);
     write!(out, "{table}")?;
-    if result.invalid > 0 {
-        writeln!(out, "{} instants without a valid wrench", result.invalid)?;
-    }
+    let counts: Vec<String> = result.status.iter().map(|(name, n)| format!("{n} {name}")).collect();
+    writeln!(out, "status: {}", counts.join(", "))?;
     Ok(())
 }
