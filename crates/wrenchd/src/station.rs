@@ -142,7 +142,13 @@ impl<S: Source> Station<S> {
             let wait_ns = due_ns - clock.now().monotonic_ns;
             Duration::from_nanos(u64::try_from(wait_ns).unwrap_or(0)).min(LONGEST_WAIT)
         });
-        let poll = self.take_in(wait, clock)?;
+        let mut poll = self.take_in(wait, clock)?;
+        // Kept from the processor so long that silence would be told: what has come meanwhile speaks first.
+        if self.engine.due_ns().is_some_and(|due_ns| clock.now().monotonic_ns >= due_ns)
+            && poll == Poll::Ready
+        {
+            poll = self.take_in(Duration::ZERO, clock)?;
+        }
         let Self { engine, sinks, .. } = self;
         engine.tick(clock.now(), |record| sinks.publish(record));
         Ok(poll)

@@ -195,7 +195,9 @@ impl Assembler {
             self.take_after_round(ended, behind == 1, stamp_ns);
             return;
         }
-        if self.open && (again || ahead.is_some_and(|ahead| ahead > 0)) {
+        let next = ahead.is_some_and(|ahead| ahead > 0)
+            && !self.rhythm.paused(&self.streams[first], &self.streams, stamp_ns);
+        if self.open && (again || next) {
             self.rhythm.ended(!again, &mut self.streams);
             self.close();
         }

@@ -186,6 +186,21 @@ impl Rhythm {
         Some((offset as f64 / period).round() as i64)
     }
 
+    /// Whether a frame that came late for the open round belongs to it all the same: it follows those that have come, and is not in
+    /// its place in a later cycle either. So the sender paused; frames that are lost leave the others in their places.
+    pub(super) fn paused(&self, stream: &Stream, streams: &[Stream], stamp_ns: i64) -> bool {
+        let (Some(period), Some(phase), Some(origin)) = (self.period_ns, stream.phase_ns, self.origin_ns)
+        else {
+            return false;
+        };
+        let follows = streams
+            .iter()
+            .filter(|other| other.arrived)
+            .all(|other| other.phase_ns.is_some_and(|other| other < phase));
+        let cycles = (stamp_ns - phase - origin) as f64 / period;
+        follows && (cycles - cycles.round()).abs() > 0.125
+    }
+
     /// The round was ended by the rhythm alone, or not; always means that the phases are wrong
     pub(super) fn ended(&mut self, by_rhythm: bool, streams: &mut [Stream]) {
         self.cuts = if by_rhythm { self.cuts + 1 } else { 0 };

@@ -16,6 +16,12 @@ const CLIP_SIGMA: f64 = 3.0;
 /// After so many rounds in a row that were all late, or all early, beyond the clip, the clock is found anew.
 const LOST_AFTER: u32 = 20;
 
+/// So many rounds in a row that seem not periodic, and the clock is found anew: it may have been found on a bad start.
+const DOUBTED_AFTER: u32 = 50;
+
+/// Stamps from which the period is first taken (the median of their intervals, which one late stamp does not move).
+const FIRST: usize = 9;
+
 /// After a longer silence than this the clock is found anew, ns.
 const FORGET_NS: i64 = 500_000_000;
 
@@ -39,8 +45,12 @@ struct State {
     stamp_ns: i64,
     /// Estimated instant less the last stamp, s.
     ahead_s: f64,
-    /// None until the second stamp.
+    /// The intervals so far, until there are enough to know the period, s.
+    intervals: [f64; FIRST - 1],
+    known: usize,
     rhythm: Option<Rhythm>,
+    /// Rounds in a row that seemed not periodic.
+    doubted: u32,
 }
 
 #[derive(Clone, Debug)]
@@ -68,8 +78,7 @@ impl RoundClock {
         let step_s = step_ns as f64 * 1e-9;
         state.stamp_ns = stamp_ns;
         let Some(rhythm) = &mut state.rhythm else {
-            state.rhythm = Some(Rhythm::new(step_s));
-            state.ahead_s = 0.0;
+            state.gather(step_s);
             return Sampled { at_ns: stamp_ns, sigma_s: STAMP_SIGMA_S };
         };
         let ahead_s = rhythm.advance(state.ahead_s - step_s);
@@ -77,15 +86,42 @@ impl RoundClock {
             return self.restart(stamp_ns);
         }
         state.ahead_s = ahead_s;
-        if rhythm.scatter2.sqrt() > PERIODIC_UP_TO * rhythm.period_s {
-            return Sampled { at_ns: stamp_ns, sigma_s: STAMP_SIGMA_S };
+        let scatter_s = rhythm.scatter2.sqrt();
+        if scatter_s > PERIODIC_UP_TO * rhythm.period_s {
+            state.doubted += 1;
+            if state.doubted > DOUBTED_AFTER {
+                self.restart(stamp_ns);
+            }
+            return Sampled { at_ns: stamp_ns, sigma_s: scatter_s.max(STAMP_SIGMA_S) };
         }
+        state.doubted = 0;
         Sampled { at_ns: stamp_ns + (ahead_s * 1e9).round() as i64, sigma_s: rhythm.instant2.sqrt() }
     }
 
     fn restart(&mut self, stamp_ns: i64) -> Sampled {
-        self.state = Some(State { stamp_ns, ahead_s: 0.0, rhythm: None });
+        self.state = Some(State {
+            stamp_ns,
+            ahead_s: 0.0,
+            intervals: [0.0; FIRST - 1],
+            known: 0,
+            rhythm: None,
+            doubted: 0,
+        });
         Sampled { at_ns: stamp_ns, sigma_s: STAMP_SIGMA_S }
+    }
+}
+
+impl State {
+    /// Takes in one of the first intervals; with the last of them the period is known.
+    fn gather(&mut self, step_s: f64) {
+        self.intervals[self.known] = step_s;
+        self.known += 1;
+        if self.known == self.intervals.len() {
+            self.intervals.sort_unstable_by(f64::total_cmp);
+            let middle = self.intervals.len() / 2;
+            self.rhythm = Some(Rhythm::new(0.5 * (self.intervals[middle - 1] + self.intervals[middle])));
+            self.ahead_s = 0.0;
+        }
     }
 }
 
