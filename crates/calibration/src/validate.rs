@@ -6,7 +6,7 @@
 use can::assembly::{Assembler, Snapshot};
 use model::dynamics::Dynamics;
 use model::estimator::Gls;
-use model::motion::{JointMotion, RoundClock, Sampled, smooth};
+use model::motion::{JointMotion, smooth};
 use model::spatial::{Tip, Wrench};
 use nalgebra::Vector6;
 use rig::cycle::{Estimate, MotionTracker, Stage};
@@ -215,13 +215,11 @@ struct Scorer {
 
 impl Scorer {
     fn new(rig: &Rig, model: &ModelFile, recording: &Recording, smoothed: bool) -> Self {
-        let mut clock = RoundClock::default();
-        let at: Vec<Sampled> = recording.at_ns.iter().map(|stamp| clock.observe(*stamp)).collect();
         let motion = recording
             .positions_rad
             .iter()
             .enumerate()
-            .map(|(k, q)| smooth(&at, q, model.encoder(k).position_sigma_rad))
+            .map(|(k, q)| smooth(&recording.sampled, q, model.encoder(k).position_sigma_rad))
             .collect();
         let dynamics = Dynamics::new(&rig.chain, &rig.sections);
         let five = model.sensors.iter().map(|s| {

@@ -9,6 +9,12 @@ const MAX_MISSED: u8 = 3;
 /// After so many contradictions in a row a learned phase is given up: boards whose clocks drift past each other
 const MAX_IN_A_ROW: u8 = 3;
 
+/// After so long with nothing but frames at less than half or more than twice the period it is another one, ns
+const MAX_UNTYPICAL_NS: i64 = 1_000_000_000;
+
+/// After so many looks in a row at which rounds seemed to begin in the wrong place they begin elsewhere
+const MAX_UNFIT: u8 = 6;
+
 /// Arrivals of one message (of one multiplexer page of it)
 #[derive(Clone, Debug)]
 pub(super) struct Stream {
@@ -136,6 +142,10 @@ impl Stream {
 pub(super) struct Rhythm {
     period_ns: Option<f64>,
     jitter_ns: f64,
+    /// Since when frames come much sooner or later than a period after the one before
+    untypical_since_ns: Option<i64>,
+    /// Whether the open round began about a period after the last
+    in_time: bool,
     /// Start of the round that is open, else of the last one
     origin_ns: Option<i64>,
     /// A period became known and the phases were not looked at since
@@ -143,7 +153,11 @@ pub(super) struct Rhythm {
     first_ns: i64,
     last_ns: i64,
     largest_gap_ns: i64,
+    /// Stamp of the open round's first frame after its last long pause
+    resumed_ns: Option<i64>,
     frames: u32,
+    /// Times in a row that rounds seemed to begin in the wrong place
+    unfit: u8,
     /// Rounds in a row that only the rhythm ended
     cuts: u8,
 }
@@ -171,7 +185,18 @@ impl Rhythm {
             return;
         }
         match &mut self.period_ns {
-            Some(period) => *period += (interval.clamp(*period / 2.0, *period * 2.0) - *period) / 16.0,
+            Some(period) if (*period / 2.0..*period * 2.0).contains(&interval) => {
+                self.untypical_since_ns = None;
+                *period += (interval - *period) / 16.0;
+            }
+            // A pause or the burst after it says nothing about the boards, unless it never ends.
+            Some(period) => {
+                let since_ns = *self.untypical_since_ns.get_or_insert(stamp_ns);
+                if stamp_ns - since_ns > MAX_UNTYPICAL_NS {
+                    self.untypical_since_ns = None;
+                    *period = interval;
+                }
+            }
             None => {
                 self.period_ns = Some(interval);
                 self.fresh = true;
@@ -201,6 +226,33 @@ impl Rhythm {
         follows && (cycles - cycles.round()).abs() > 0.125
     }
 
+    /// Whether more than a quarter of a cycle passed since the open round's last frame; also while no period is known
+    pub(super) fn long_since(&self, stamp_ns: i64) -> bool {
+        self.period_ns.is_none_or(|period| (stamp_ns - self.last_ns) as f64 > period / 4.0)
+    }
+
+    /// Whether a frame that usually comes before one of the open round's begins the next: it comes long after them, or in a burst, in
+    /// which only the order tells
+    pub(super) fn begins_anew(&self, stream: &Stream, streams: &[Stream], stamp_ns: i64) -> bool {
+        let before =
+            |other: &Stream| stream.phase_ns.zip(other.phase_ns).is_some_and(|(own, other)| own < other);
+        self.period_ns.is_some()
+            && (self.long_since(stamp_ns) || self.resumed_ns.is_some() || !self.in_time)
+            && streams.iter().any(|other| other.arrived && before(other))
+    }
+
+    /// The counters say that a cycle is missing: so what came before the open round's pause was of that cycle, and the rest of it
+    /// is lost
+    pub(super) fn leave_out_what_came_before_the_pause(&self, streams: &mut [Stream], round: u64) {
+        let Some(resumed) = self.resumed_ns else { return };
+        for stream in streams.iter_mut().filter(|stream| stream.arrived) {
+            if stream.stamp_ns.is_some_and(|stamp| stamp < resumed) {
+                stream.arrived = false;
+                stream.last_round = round.checked_sub(1);
+            }
+        }
+    }
+
     /// The round was ended by the rhythm alone, or not; always means that the phases are wrong
     pub(super) fn ended(&mut self, by_rhythm: bool, streams: &mut [Stream]) {
         self.cuts = if by_rhythm { self.cuts + 1 } else { 0 };
@@ -213,16 +265,24 @@ impl Rhythm {
 
     /// A round begins with this frame
     pub(super) fn open(&mut self, stream: &Stream, stamp_ns: i64) {
-        self.origin_ns = Some(stamp_ns - stream.phase_ns.unwrap_or(0));
+        let origin = stamp_ns - stream.phase_ns.unwrap_or(0);
+        let since = self.origin_ns.map(|before| (origin - before) as f64);
+        self.in_time =
+            since.zip(self.period_ns).is_none_or(|(since, period)| 4.0 * (since - period).abs() < period);
+        self.origin_ns = Some(origin);
         self.first_ns = stamp_ns;
         self.last_ns = stamp_ns;
         self.largest_gap_ns = 0;
+        self.resumed_ns = None;
         self.frames = 0;
     }
 
     /// A frame takes its place in the open round
     pub(super) fn join(&mut self, stream: &mut Stream, stamp_ns: i64) {
         self.frames += 1;
+        if self.period_ns.is_some() && self.long_since(stamp_ns) {
+            self.resumed_ns = Some(stamp_ns);
+        }
         self.largest_gap_ns = self.largest_gap_ns.max(stamp_ns - self.last_ns);
         self.last_ns = self.last_ns.max(stamp_ns);
         stream.behind = 0;
@@ -230,11 +290,12 @@ impl Rhythm {
         let place = stamp_ns - origin;
         match &mut stream.phase_ns {
             None => stream.phase_ns = Some(place),
-            Some(phase) if self.frames > 1 => {
-                let error = (place - *phase) as f64;
+            // A pause of the sender, or the burst after it, says nothing about where frames usually are.
+            Some(phase) if self.frames > 1 && self.in_time && self.resumed_ns.is_none() => {
+                let bound = 3.0 * self.jitter_ns + self.period_ns.map_or(f64::MAX, |period| period / 100.0);
+                let error = ((place - *phase) as f64).clamp(-bound, bound);
                 *phase += (error / 16.0) as i64;
-                let bound = self.period_ns.unwrap_or(f64::MAX);
-                self.jitter_ns += (error.abs().min(bound) - self.jitter_ns) / 16.0;
+                self.jitter_ns += (error.abs() - self.jitter_ns) / 16.0;
             }
             Some(_) => {}
         }
@@ -248,7 +309,7 @@ impl Rhythm {
 
     /// Lets rounds begin after the longest pause of the cycle; true if they did not before
     pub(super) fn realign(&mut self, streams: &mut [Stream]) -> bool {
-        self.fresh = false;
+        let first = std::mem::take(&mut self.fresh);
         let Some(period) = self.period_if_steady() else { return false };
         let period = (period as i64).max(1);
         let pause_after = |phase: i64| {
@@ -258,9 +319,17 @@ impl Rhythm {
         let phases = || streams.iter().filter_map(|s| s.phase_ns);
         let Some(last) = phases().max() else { return false };
         let Some(before) = phases().max_by_key(|&phase| pause_after(phase)) else { return false };
-        if 2 * pause_after(before) <= 3 * pause_after(last) {
+        // A cycle that is full of frames has no pause: then it may begin anywhere, as long as it stays there.
+        if 4 * pause_after(before) < period || 2 * pause_after(before) <= 3 * pause_after(last) {
+            self.unfit = 0;
             return false;
         }
+        // At the beginning at once; later the sender's pauses may make it seem so for a while.
+        self.unfit += 1;
+        if !first && self.unfit < MAX_UNFIT {
+            return false;
+        }
+        self.unfit = 0;
         let start = before + pause_after(before);
         for phase in streams.iter_mut().filter_map(|s| s.phase_ns.as_mut()) {
             *phase = (*phase - start).rem_euclid(period);
