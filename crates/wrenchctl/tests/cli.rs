@@ -186,6 +186,26 @@ fn what_would_count_twice_overwrite_or_mix_is_refused() {
     refused(&["check", "/dev/zero"], &["/dev/zero", "larger than 64 MiB"]);
 }
 
+#[test]
+fn validate_scores_the_baselines_beside_each_score() {
+    let folder = Folder::new();
+    let model = folder.path("model.toml");
+    let run = simulate(&folder, "run", &["--motion", "calibration"]);
+    let run = run.to_str().unwrap();
+    assert_eq!(wrenchctl(&["calibrate", run, "--out", &model]).status.code(), Some(0));
+    let output = wrenchctl(&["validate", run, "--model", &model, "--json", "-"]);
+    let scores: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    for part in ["still", "moving", "all"] {
+        let own = scores[part]["force_rms_all_n"].as_f64().unwrap();
+        for baseline in ["five_parameter", "nominal_axes"] {
+            let beside = scores[part][baseline]["force_rms_all_n"].as_f64().unwrap();
+            assert!(beside > own, "{part} {baseline}: {beside} {own}");
+            assert_eq!(scores[baseline][part]["force_rms_all_n"].as_f64(), Some(beside));
+        }
+    }
+    assert_eq!(scores["still"]["nees"].as_array().unwrap().len(), 6);
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupted_simulation_leaves_nothing() {
