@@ -238,13 +238,13 @@ impl Assembler {
     /// Whether the frame at hand comes after its round has ended, by its counter or else by its place in the boards' rhythm; and if so,
     /// whether that round is the last
     fn belongs_to_an_ended_round(&self, first: usize, stamp_ns: i64) -> Option<bool> {
+        let stream = &self.streams[first];
+        let by_rhythm = || Some(-self.rhythm.cycles_ahead(stream, stamp_ns)? - i64::from(self.open));
         let before_last = match self.cycles.place() {
-            Some(Place::Ended(before_last)) => before_last,
+            // A counter may lag because its message does not come in every cycle.
+            Some(Place::Ended(before_last)) if stream.in_every_round() || by_rhythm()? >= 0 => before_last,
             Some(_) => return None,
-            None => {
-                let ahead = self.rhythm.cycles_ahead(&self.streams[first], stamp_ns)?;
-                -ahead - i64::from(self.open)
-            }
+            None => by_rhythm()?,
         };
         (before_last >= 0).then_some(before_last == 0)
     }

@@ -71,6 +71,11 @@ impl Stream {
         self.last_round.is_some_and(|last| round.saturating_sub(last) < self.usual)
     }
 
+    /// Whether it has come in every round for some time
+    pub(super) fn in_every_round(&self) -> bool {
+        self.gaps.iter().all(|gap| *gap == 1)
+    }
+
     /// Its frame came again without news; a duplicate of this round's is none of its business
     pub(super) fn repeat(&mut self, round: u64) {
         if self.last_round != Some(round) {

@@ -188,6 +188,27 @@ fn half_rate_messages_are_held_for_their_usual_gap() {
 }
 
 #[test]
+fn a_half_rate_gauge_is_held_although_its_counter_lags() {
+    // G2 in even cycles only, its counter counting its own frames.
+    let frames = (0..40).flat_map(|k| {
+        let mut frames = cycle(k).to_vec();
+        if k % 2 == 0 {
+            frames[3].frame.data_mut()[6] = (k / 2) as u8;
+        } else {
+            frames.pop();
+        }
+        frames
+    });
+    let (all, assembler) = run(frames);
+    assert_eq!(all.len(), 40, "{:?}", assembler.counts());
+    for (k, snapshot) in all.iter().enumerate().skip(3) {
+        let k = k as i64;
+        assert_eq!(cycles_of(snapshot), [Some(k), Some(k / 2 * 2), Some(k), Some(k)], "cycle {k}");
+        assert!(snapshot.cycles.is_none_or(|cycles| cycles == 1));
+    }
+}
+
+#[test]
 fn a_lost_half_rate_frame_is_missed_until_the_next() {
     let frames = (0..20)
         .flat_map(|k| {
