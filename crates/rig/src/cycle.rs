@@ -11,9 +11,11 @@ use can::assembly::{Absence, Assembler, Snapshot};
 use can::frame::Stamped;
 use model::estimator::{GaugeModel, NoWrench, Solution, WrenchEstimator};
 use model::motion::{JointMotion, MotionFilter, RoundClock, Sampled};
+use model::spatial::RigidBody;
 
 use crate::model_file::ModelFile;
 use crate::status::Status;
+use crate::tare::{Tare, TareRefusal, Tared};
 use crate::{Rig, RigError};
 
 /// A wrench whose worst direction is less certain than this is flagged, N (moments over 0.1 m).
@@ -80,6 +82,23 @@ pub struct Stage {
     estimator: WrenchEstimator,
     counts: Vec<Option<f64>>,
     watches: Vec<StuckWatch>,
+    states: Vec<GaugeState>,
+    tare: Tare,
+    /// What hangs at the tip for now and is subtracted, tip frame.
+    payload: RigidBody,
+}
+
+/// What became of a gauge's reading at the last instant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GaugeState {
+    /// It is part of the wrench.
+    Used,
+    /// There was none.
+    Absent(Absence),
+    /// It says the same again and again.
+    Stuck,
+    /// The tare that is applied has no zero for it.
+    NotTared,
 }
 
 /// Tells a gauge that stands still from one that is quiet.
@@ -113,7 +132,10 @@ impl Stage {
         Self {
             watches: gauges.iter().map(StuckWatch::new).collect(),
             estimator: WrenchEstimator::new(&rig.chain, &rig.sections, gauges),
-            counts: Vec::with_capacity(n),
+            counts: vec![None; n],
+            states: vec![GaugeState::Absent(Absence::NeverSeen); n],
+            tare: Tare::new(n, rig.chain.coordinates()),
+            payload: RigidBody::zero(),
         }
     }
 
@@ -121,14 +143,17 @@ impl Stage {
     pub fn estimate(&mut self, snapshot: &Snapshot, motion: &[JointMotion], status: Status) -> Estimate {
         let mut status = status;
         self.counts.clear();
-        for (gauge, watch) in snapshot.gauges.iter().zip(&mut self.watches) {
-            let counts = match gauge {
-                Ok(reading) if watch.is_stuck(reading.value) => Err(Status::DEGRADED),
-                Ok(reading) => Ok(reading.value),
-                Err(absence) => Err(left_out(*absence)),
+        for (k, (gauge, watch)) in snapshot.gauges.iter().zip(&mut self.watches).enumerate() {
+            let state = match gauge {
+                Err(absence) => GaugeState::Absent(*absence),
+                Ok(reading) if watch.is_stuck(reading.value) => GaugeState::Stuck,
+                Ok(_) if self.tare.is_left_out(k) => GaugeState::NotTared,
+                Ok(_) => GaugeState::Used,
             };
-            status = status.with(counts.err().unwrap_or_default());
-            self.counts.push(counts.ok());
+            self.states[k] = state;
+            status = status.with(left_out(state));
+            let used = gauge.as_ref().ok().filter(|_| state == GaugeState::Used);
+            self.counts.push(used.map(|reading| reading.value));
         }
         let outcome = self.estimator.estimate(motion, &self.counts).map_err(Refusal::Estimator);
         let outcome = outcome.and_then(|solution| match worst_sigma_n(&solution) <= INVALID_ABOVE_N {
@@ -140,6 +165,11 @@ impl Stage {
             Err(Refusal::TooUncertain) => Status::INVALID.with(Status::UNCERTAIN),
             Err(_) => Status::INVALID,
         });
+        let tared = if self.tare.applied().is_some() { Status::TARED } else { Status::GOOD };
+        status = status.with(tared);
+        if outcome.is_ok() {
+            self.observe_tare(snapshot, motion);
+        }
         Estimate {
             instant_ns: snapshot.instant_ns,
             last_stamp_ns: snapshot.last_stamp_ns,
@@ -149,9 +179,74 @@ impl Stage {
         }
     }
 
+    fn observe_tare(&mut self, snapshot: &Snapshot, motion: &[JointMotion]) {
+        let fit = |state: &GaugeState| matches!(state, GaugeState::Used | GaugeState::NotTared);
+        let counts = snapshot.gauges.iter().zip(&self.states);
+        let counts = counts.map(|(gauge, state)| Some(gauge.as_ref().ok().filter(|_| fit(state))?.value));
+        self.tare.observe(snapshot.instant_ns, counts, motion, &mut self.estimator);
+    }
+
     /// The estimator with the state of the last estimate.
     pub fn estimator(&self) -> &WrenchEstimator {
         &self.estimator
+    }
+
+    /// What became of each gauge's reading at the last instant.
+    pub fn gauge_states(&self) -> &[GaugeState] {
+        &self.states
+    }
+
+    /// Each gauge's reading as far as it was used at the last instant, counts.
+    pub fn counts(&self) -> &[Option<f64>] {
+        &self.counts
+    }
+
+    /// Begins to average for a tare; [`Stage::take_tare_outcome`] tells how it ended.
+    pub fn begin_tare(&mut self) {
+        self.tare.begin();
+    }
+
+    /// Gives up a tare that runs.
+    pub fn refuse_tare(&mut self, refusal: TareRefusal) {
+        self.tare.refuse(refusal);
+    }
+
+    /// Takes the calibration's zeros again.
+    pub fn untare(&mut self) {
+        self.tare.undo(&mut self.estimator);
+    }
+
+    /// The tare that is applied.
+    pub fn tared(&self) -> Option<Tared> {
+        self.tare.applied()
+    }
+
+    /// How a tare ended, once.
+    pub fn take_tare_outcome(&mut self) -> Option<Result<Tared, TareRefusal>> {
+        self.tare.take_outcome()
+    }
+
+    /// Subtracts weight and inertia of a body that is rigidly at the tip (tip frame), from the next estimate on and in place of
+    /// the one before; a body without mass takes it off.
+    pub fn set_payload(&mut self, body: &RigidBody) {
+        self.payload = *body;
+        self.estimator.set_payload(body);
+    }
+
+    /// The body at the tip that is subtracted, tip frame.
+    pub fn payload(&self) -> &RigidBody {
+        &self.payload
+    }
+
+    /// Goes on with the payload of another stage, and with its tare where the gauges are calibrated as there.
+    pub fn take_over(&mut self, other: &Self) {
+        self.set_payload(&other.payload);
+        if self.estimator.gauges() == other.estimator.gauges() {
+            self.tare.take_over(&other.tare);
+            for (gauge, zero) in other.estimator.zeros().iter().enumerate() {
+                self.estimator.set_zero(gauge, *zero);
+            }
+        }
     }
 }
 
@@ -176,8 +271,22 @@ impl Cycle {
     /// Takes the next frame and hands each wrench that it completes to `out`, oldest first (mostly none or one).
     pub fn push(&mut self, frame: &Stamped, mut out: impl FnMut(&Estimate)) {
         for snapshot in self.assembler.push(frame) {
-            out(&self.tracker.advance(snapshot, &mut self.stage));
+            let estimate = self.tracker.advance(snapshot, &mut self.stage);
+            if let Err(refusal) = estimate.outcome {
+                self.stage.refuse_tare(TareRefusal::NoWrench(refusal));
+            }
+            out(&estimate);
         }
+    }
+
+    /// The last part, where tare and payload are applied.
+    pub fn stage(&self) -> &Stage {
+        &self.stage
+    }
+
+    /// The last part, to tare or to declare a payload.
+    pub fn stage_mut(&mut self) -> &mut Stage {
+        &mut self.stage
     }
 
     /// What the assembler met so far.
@@ -263,13 +372,14 @@ impl MotionTracker {
     }
 }
 
-/// What a gauge's absence means for the wrench.
-fn left_out(absence: Absence) -> Status {
-    Status::DEGRADED.with(match absence {
-        Absence::Saturated => Status::SATURATED,
-        Absence::Stale | Absence::NeverSeen => Status::STALE,
-        _ => Status::GOOD,
-    })
+/// What a gauge's state means for the wrench.
+fn left_out(state: GaugeState) -> Status {
+    match state {
+        GaugeState::Used => Status::GOOD,
+        GaugeState::Absent(Absence::Saturated) => Status::DEGRADED.with(Status::SATURATED),
+        GaugeState::Absent(Absence::Stale | Absence::NeverSeen) => Status::DEGRADED.with(Status::STALE),
+        GaugeState::Absent(_) | GaugeState::Stuck | GaugeState::NotTared => Status::DEGRADED,
+    }
 }
 
 /// Standard deviation of the worst direction, N (moments over the characteristic length).

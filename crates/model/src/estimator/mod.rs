@@ -10,14 +10,16 @@
 //! joint motion that all gauges share. The parity residual is what six unknowns cannot explain of more than six gauges.
 
 mod gls;
+mod zero;
 
 pub use gls::{Fit, Gls, NoFit, singular_values};
+pub use zero::Zero;
 
 use crate::chain::{Chain, Section};
 use crate::dynamics::Dynamics;
 use crate::motion::JointMotion;
 use crate::sensing::CHARACTERISTIC_LENGTH_M;
-use crate::spatial::{Tip, Wrench};
+use crate::spatial::{RigidBody, Tip, Wrench};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector6};
 
 /// Covariance of a gauge's compliance vector and bias: counts/N, counts/Nm, counts, in that order.
@@ -76,6 +78,8 @@ pub enum NoWrench {
 pub struct WrenchEstimator {
     dynamics: Dynamics,
     gauges: Vec<GaugeModel>,
+    /// Zeros found since the calibration, one a gauge.
+    zeros: Vec<Zero>,
     gls: Gls,
     motion: [Vec<f64>; 3],
     /// Gauges that have a reading at this instant.
@@ -105,6 +109,7 @@ impl WrenchEstimator {
             motion: std::array::from_fn(|_| vec![0.0; coordinates]),
             present: Vec::with_capacity(n),
             shared: Vec::with_capacity(n),
+            zeros: vec![Zero::CALIBRATED; n],
             gauges,
         }
     }
@@ -112,6 +117,33 @@ impl WrenchEstimator {
     /// The arm in the state of the last estimate.
     pub fn dynamics(&self) -> &Dynamics {
         &self.dynamics
+    }
+
+    /// The gauges, as calibrated.
+    pub fn gauges(&self) -> &[GaugeModel] {
+        &self.gauges
+    }
+
+    /// Each gauge's zero.
+    pub fn zeros(&self) -> &[Zero] {
+        &self.zeros
+    }
+
+    /// Replaces the zero of a gauge.
+    pub fn set_zero(&mut self, gauge: usize, zero: Zero) {
+        self.zeros[gauge] = zero;
+    }
+
+    /// Makes a body at the tip (tip frame) part of the arm from the next estimate on; without mass: takes it off.
+    pub fn set_payload(&mut self, body: &RigidBody) {
+        self.dynamics.set_payload(body);
+    }
+
+    /// What a reading (counts) holds beside the calibrated bias and the arm's own load in the state of the last estimate:
+    /// without a wrench on the tip, the gauge's error of zero, counts.
+    pub fn unexplained_counts(&self, gauge: usize, counts: f64) -> f64 {
+        let model = &self.gauges[gauge];
+        counts - model.bias_counts - model.compliance.dot(&self.dynamics.load(gauge))
     }
 
     /// Whitened parity residual of each gauge used by the last estimate: (gauge, residual in sigmas).
@@ -151,7 +183,7 @@ impl WrenchEstimator {
             self.present.push(Row {
                 gauge: i,
                 tip: self.dynamics.row_to_tip(i, &gauge.compliance),
-                value: counts - gauge.bias_counts - gauge.compliance.dot(&self.dynamics.load(i)),
+                value: self.unexplained_counts(i, *counts) - self.zeros[i].shift_counts,
             });
         }
     }
@@ -180,8 +212,7 @@ impl WrenchEstimator {
     /// Variance that the calibration's uncertainty gives to a gauge under its present load, counts^2.
     fn calibration_variance(&self, gauge: usize, wrench: &Wrench<Tip>) -> f64 {
         let load = self.dynamics.load(gauge) + self.dynamics.load_of_tip_wrench(gauge, wrench).to_vector();
-        let load = load.push(1.0);
-        load.dot(&(self.gauges[gauge].covariance * load))
+        self.zeros[gauge].variance_counts2(&load, &self.gauges[gauge].covariance)
     }
 
     /// Variance from directions that the calibration never saw, excited by a wrench that is itself uncertain, counts^2.
