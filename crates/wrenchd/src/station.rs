@@ -8,6 +8,7 @@ use std::time::Duration;
 use can::source::{Batch, Event, Poll, Source};
 use rig::config::PublishMode;
 
+use crate::command::{Command, Report};
 use crate::engine::{Engine, Now};
 use crate::feed::FeedWriter;
 use crate::grid::Grid;
@@ -76,6 +77,9 @@ impl Sinks {
         self.feed.write(record);
         self.totals.published += 1;
         self.totals.valid += u64::from(record.is_valid());
+        if record.is_valid() {
+            self.health.age.note(record.age_ns);
+        }
         if record.round > 0 && self.last_round != Some(record.round) {
             self.last_round = Some(record.round);
             self.health.note_latency(record.published_ns - record.last_stamp_ns);
@@ -132,6 +136,7 @@ impl<S: Source> Station<S> {
         if woken_ns < due_ns {
             return Ok(Poll::Idle);
         }
+        self.sinks.health.lateness.note(woken_ns - due_ns);
         self.sinks.totals.overruns += grid.advance(woken_ns);
         let poll = self.take_in(Duration::ZERO, clock)?;
         let Self { engine, sinks, .. } = self;
@@ -175,6 +180,16 @@ impl<S: Source> Station<S> {
             self.unread_ns = last_ns.map_or(0, |last_ns| (now.realtime_ns - last_ns).max(0));
         }
         Ok(poll)
+    }
+
+    /// Obeys a command, or begins to.
+    pub fn command(&mut self, command: Command, clock: &impl Clock) {
+        self.engine.command(command, clock.now());
+    }
+
+    /// The answer to the last command, once.
+    pub fn take_report(&mut self) -> Option<Report> {
+        self.engine.take_report()
     }
 
     /// Publishes the last record.

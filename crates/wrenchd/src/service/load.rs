@@ -11,6 +11,8 @@ use rig::{ModelFile, Rig, RigError};
 use super::Options;
 use crate::engine::Engine;
 use crate::merge::Merge;
+use crate::network::Robot;
+use crate::output::OpenError;
 use crate::station::EVENTS_PER_TURN;
 
 /// Why the daemon cannot start, or a reload not be done.
@@ -33,6 +35,9 @@ pub enum StartError {
         /// The configuration file.
         config: PathBuf,
     },
+    /// An output, or a socket that clients come to.
+    #[error(transparent)]
+    Open(#[from] OpenError),
     /// A reload that would need another recording.
     #[error(
         "{}: [bus] interfaces changed while --record is writing a log of the old ones; restart the daemon instead",
@@ -83,6 +88,20 @@ impl Loaded {
         Ok(Engine::new(&self.rig, &self.model)?)
     }
 
+    /// What clients may know of it, with the engine that runs it.
+    pub(super) fn robot(&self, engine: &Engine) -> Robot {
+        let config = &self.rig.config;
+        Robot {
+            config: config.file.display().to_string(),
+            model: self.model_file.display().to_string(),
+            model_sha256: self.model_sha256.clone(),
+            mode: mode_name(config.publish.mode),
+            rate_hz: config.publish.rate_hz,
+            gauges: config.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
+            board: engine.board().clone(),
+        }
+    }
+
     /// Opens the interfaces; with the smallest receive buffer that the kernel gave, in bytes. Unless everything is to be
     /// recorded, the kernel passes on only the messages that are read.
     pub fn open_source(&self, everything: bool) -> Result<(Merge<SocketSource>, usize), StartError> {
@@ -120,6 +139,11 @@ impl Loaded {
     pub fn announce(&self, receive_buffer: usize) {
         let config = &self.rig.config;
         let output = config.publish.can.as_ref().map_or("none", |can| can.interface.as_str());
+        let served = |address: Option<String>| address.unwrap_or_else(|| "none".to_owned());
+        let rdt = served(config.publish.rdt.as_ref().map(|rdt| rdt.bind.to_string()));
+        let metrics =
+            served(config.publish.metrics.as_ref().map(|metrics| format!("http://{}/", metrics.bind)));
+        let control = served(config.control.as_ref().map(|control| control.socket.display().to_string()));
         tracing::info!(
             version = env!("CARGO_PKG_VERSION"),
             config = %config.file.display(),
@@ -131,6 +155,9 @@ impl Loaded {
             interfaces = config.bus.interfaces.join(","),
             receive_buffer,
             output,
+            rdt,
+            metrics,
+            control,
             mode = mode_name(config.publish.mode),
             rate_hz = config.publish.rate_hz,
             "running"

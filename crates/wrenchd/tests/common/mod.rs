@@ -13,7 +13,7 @@ use rig::model_file::{
     Components, Encoder, FiveParameter, Frame, ModelFile, NominalAxes, Provenance, Sensor,
 };
 use rig::{Config, Rig};
-use sim::{Options, Preset, Scenario, Simulator, Truth};
+use sim::{Options, Preset, Scenario, Simulator, Trajectory, Truth};
 use wrenchd::engine::Now;
 use wrenchd::station::Clock;
 
@@ -88,6 +88,15 @@ pub fn model(rig: &Rig, truth: &Truth) -> ModelFile {
 pub fn simulator(rig: &Rig, rate_hz: f64) -> Simulator {
     let scenario: Scenario = Preset::Holds.scenario(&rig.chain, 3).unwrap();
     let scenario = scenario.with_load(0.4, [0.01, 0.0, 0.05]).unwrap();
+    let options = Options { rate_hz: Some(rate_hz), ..Options::default() };
+    Simulator::new(rig, truth(rig), &scenario, options).unwrap()
+}
+
+/// The simulated arm holding one pose for an hour, with this weight (kg, m) at its tip.
+pub fn holding(rig: &Rig, rate_hz: f64, load: (f64, [f64; 3])) -> Simulator {
+    let mut trajectory = Trajectory::from_pose(vec![0.2, -0.9, 0.8, 0.3, -0.7, 0.4]);
+    trajectory.hold(3600.0);
+    let scenario = Scenario::of_motion(trajectory).with_load(load.0, load.1).unwrap();
     let options = Options { rate_hz: Some(rate_hz), ..Options::default() };
     Simulator::new(rig, truth(rig), &scenario, options).unwrap()
 }
