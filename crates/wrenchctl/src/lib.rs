@@ -6,6 +6,7 @@
 
 pub mod cli;
 pub mod commands;
+pub mod control;
 pub mod decoded;
 pub mod error;
 pub mod input;

@@ -2,8 +2,10 @@
 
 pub mod calibrate;
 pub mod check;
+pub mod daemon;
 pub mod demo;
 pub mod dump;
+pub mod monitor;
 pub mod record;
 pub mod replay;
 pub mod simulate;
@@ -19,6 +21,12 @@ use crate::{Error, Outcome};
 pub fn run(command: Command) -> Result<Outcome, Error> {
     match command {
         Command::Check(args) => check::run(args),
+        Command::Monitor(args) => monitor::run(args),
+        Command::Status(args) => daemon::status(args),
+        Command::Tare(args) => daemon::tare(args),
+        Command::Untare(args) => daemon::untare(args),
+        Command::Payload(args) => daemon::payload(args),
+        Command::Reload(args) => daemon::reload(args),
         Command::Demo(args) => demo::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Dump(args) => dump::run(args),
