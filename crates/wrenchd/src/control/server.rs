@@ -27,10 +27,18 @@ const IDLE_LIMIT: Duration = Duration::from_secs(600);
 /// A client that does not read an answer for so long is cut off.
 const WRITE_LIMIT: Duration = Duration::from_secs(2);
 
-/// Opens the socket if it is configured.
+/// Opens the socket if it is configured. Where the system does not let this user make it, the daemon runs without: the wrench
+/// does not need it. A socket that another daemon serves is refused: two daemons on one arm are a mistake.
 pub(crate) fn open(config: &Config, shared: &Shared, ports: &mut Ports) -> Result<Opened, PortError> {
     let Some(control) = &config.control else { return Ok(Opened::default()) };
-    let listener = ports.control("[control] socket", &control.socket)?;
+    let listener = match ports.control("[control] socket", &control.socket) {
+        Ok(listener) => listener,
+        Err(error) if error.is_taken() => return Err(error),
+        Err(error) => {
+            tracing::warn!("{error}; running without it: no status, tare, payload or reload by wrenchctl");
+            return Ok(Opened::default());
+        }
+    };
     Ok(Opened { output: None, servers: vec![serve(listener, shared.clone())] })
 }
 

@@ -17,6 +17,14 @@ pub struct PortError {
     table: &'static str,
     address: String,
     reason: String,
+    taken: bool,
+}
+
+impl PortError {
+    /// Whether somebody else has the address: another program, or a file that is not ours to remove.
+    pub(crate) fn is_taken(&self) -> bool {
+        self.taken
+    }
 }
 
 /// All sockets that are open.
@@ -102,7 +110,10 @@ impl Ports {
         part: impl Fn(&Socket) -> Option<io::Result<S>>,
     ) -> Result<S, PortError> {
         let opening = self.opening;
-        let failed = |error: io::Error| PortError { table, address: address.clone(), reason: reason(&error) };
+        let failed = |error: io::Error| {
+            let taken = error.kind() == io::ErrorKind::AddrInUse;
+            PortError { table, address: address.clone(), reason: reason(&error), taken }
+        };
         let known = self.kept.iter_mut().find(|kept| (kept.table, &kept.address) == (table, &address));
         if let Some(kept) = known
             && let Some(taken) = part(&kept.socket)
@@ -113,12 +124,16 @@ impl Ports {
         let socket = open().map_err(failed)?;
         let taken =
             part(&socket).unwrap_or_else(|| Err(io::ErrorKind::Unsupported.into())).map_err(failed)?;
+        tracing::info!("{table} {address} is open");
         self.kept.push(Kept { table, address, socket, opened_in: opening, used_in: opening });
         Ok(taken)
     }
 }
 
 fn reason(error: &io::Error) -> String {
+    if error.get_ref().is_some() {
+        return error.to_string(); // Ours: it says already what to do.
+    }
     let remedy = match error.kind() {
         io::ErrorKind::AddrInUse => "another program has it: stop that, or set another address",
         io::ErrorKind::AddrNotAvailable => "no interface of this computer has that address",
@@ -157,7 +172,8 @@ impl ControlSocket {
         match std::fs::symlink_metadata(path) {
             Ok(file) if file.file_type().is_socket() => std::fs::remove_file(path)?,
             Ok(_) => {
-                return Err(io::Error::other(
+                return Err(io::Error::new(
+                    io::ErrorKind::AddrInUse,
                     "there is a file of that name that is no socket; set another name",
                 ));
             }
@@ -183,7 +199,8 @@ fn lock(path: &Path) -> io::Result<File> {
     let lock = OpenOptions::new().create(true).truncate(false).write(true).open(PathBuf::from(name))?;
     match lock.try_lock() {
         Ok(()) => Ok(lock),
-        Err(TryLockError::WouldBlock) => Err(io::Error::other(
+        Err(TryLockError::WouldBlock) => Err(io::Error::new(
+            io::ErrorKind::AddrInUse,
             "another wrenchd serves it; stop that one, or give each a socket of its own",
         )),
         Err(TryLockError::Error(error)) => Err(error),
@@ -203,7 +220,9 @@ mod tests {
         let mut first = Ports::default();
         let listener = first.control("[control]", &path).unwrap();
         assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, SOCKET_MODE);
-        let second = Ports::default().control("[control]", &path).unwrap_err().to_string();
+        let second = Ports::default().control("[control]", &path).unwrap_err();
+        assert!(second.is_taken());
+        let second = second.to_string();
         assert!(second.contains("another wrenchd serves it") && second.contains("control.sock"), "{second}");
         assert!(UnixStream::connect(&path).is_ok(), "the first is untouched");
         drop((listener, first));
@@ -213,11 +232,12 @@ mod tests {
         assert!(path.exists() && UnixStream::connect(&path).is_err());
         assert!(Ports::default().control("[control]", &path).is_ok());
         std::fs::write(&path, "precious").unwrap();
-        let error = Ports::default().control("[control]", &path).unwrap_err().to_string();
-        assert!(error.contains("no socket"), "{error}");
+        let error = Ports::default().control("[control]", &path).unwrap_err();
+        assert!(error.is_taken() && error.to_string().contains("no socket"), "{error}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
         let nowhere = Ports::default().control("[control]", Path::new("/proc/no/such/control.sock"));
-        assert!(nowhere.unwrap_err().to_string().contains("/proc/no/such"));
+        let error = nowhere.unwrap_err();
+        assert!(!error.is_taken() && error.to_string().contains("/proc/no/such"), "{error}");
     }
 
     #[test]

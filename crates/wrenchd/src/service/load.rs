@@ -139,11 +139,6 @@ impl Loaded {
     pub fn announce(&self, receive_buffer: usize) {
         let config = &self.rig.config;
         let output = config.publish.can.as_ref().map_or("none", |can| can.interface.as_str());
-        let served = |address: Option<String>| address.unwrap_or_else(|| "none".to_owned());
-        let rdt = served(config.publish.rdt.as_ref().map(|rdt| rdt.bind.to_string()));
-        let metrics =
-            served(config.publish.metrics.as_ref().map(|metrics| format!("http://{}/", metrics.bind)));
-        let control = served(config.control.as_ref().map(|control| control.socket.display().to_string()));
         tracing::info!(
             version = env!("CARGO_PKG_VERSION"),
             config = %config.file.display(),
@@ -155,9 +150,6 @@ impl Loaded {
             interfaces = config.bus.interfaces.join(","),
             receive_buffer,
             output,
-            rdt,
-            metrics,
-            control,
             mode = mode_name(config.publish.mode),
             rate_hz = config.publish.rate_hz,
             "running"

@@ -46,15 +46,6 @@ pub fn run(options: &Options) -> Result<ExitCode, StartError> {
     for line in crate::output::not_served(&loaded.rig.config) {
         tracing::warn!("{line}");
     }
-    let (source, receive_buffer) = loaded.open_source(options.record.is_some())?;
-    let (source, recorder): (BoxedSource, _) = match &options.record {
-        Some(path) => {
-            let (tapped, copies) = can::tap::tap(source, QUEUE_EVENTS);
-            let interfaces = &loaded.rig.config.bus.interfaces;
-            (Box::new(tapped), Some(Recorder::start(path, interfaces, copies, &loaded.remark())?))
-        }
-        None => (Box::new(source), None),
-    };
     // Held to the end.
     let awake = realtime::no_deep_sleep();
     if let Err(refused) = &awake {
@@ -63,16 +54,32 @@ pub fn run(options: &Options) -> Result<ExitCode, StartError> {
     if let Err(refused) = realtime::lock_memory() {
         tracing::warn!("{refused}");
     }
-    loaded.announce(receive_buffer);
-    start(options, loaded, source, recorder)?.run()
+    start(options, loaded, open_bus)?.run()
 }
 
-/// Opens what clients come to, and starts the cycle.
+/// Where frames come from, and the recording of them.
+type Bus = (BoxedSource, Option<Recorder>);
+
+/// Opens the interfaces, and the recording where one is asked for.
+fn open_bus(options: &Options, loaded: &Loaded) -> Result<Bus, StartError> {
+    let (source, receive_buffer) = loaded.open_source(options.record.is_some())?;
+    let bus: Bus = match &options.record {
+        Some(path) => {
+            let (tapped, copies) = can::tap::tap(source, QUEUE_EVENTS);
+            let interfaces = &loaded.rig.config.bus.interfaces;
+            (Box::new(tapped), Some(Recorder::start(path, interfaces, copies, &loaded.remark())?))
+        }
+        None => (Box::new(source), None),
+    };
+    loaded.announce(receive_buffer);
+    Ok(bus)
+}
+
+/// Opens the outputs and what clients come to, then the bus, and starts the cycle.
 fn start(
     options: &Options,
     loaded: Loaded,
-    source: BoxedSource,
-    recorder: Option<Recorder>,
+    bus: impl FnOnce(&Options, &Loaded) -> Result<Bus, StartError>,
 ) -> Result<Supervisor, StartError> {
     let health = Arc::new(Health::default());
     let (writer, feed) = feed(FEED_RECORDS);
@@ -81,6 +88,7 @@ fn start(
     let reader = feed.reader();
     let mut clients = Clients::new(loaded.robot(&engine), feed, health.clone(), desk);
     let outputs = clients.open(&loaded.rig.config)?;
+    let (source, recorder) = bus(options, &loaded)?;
     let sinks = Sinks::new(outputs, writer, health.clone());
     let station = Station::new(source, engine, loaded.rig.config.publish.rate_hz, sinks);
     let (runner, refused) = Runner::start(station, inbox).map_err(StartError::Thread)?;

@@ -141,7 +141,7 @@ fn a_tare_takes_drifted_zeros_away_in_every_pose_and_is_undone() {
     world.run(0.1);
     world.order(Order::Tare);
     world.run(0.6);
-    assert!(force_n(&world.run(0.2)) < before / 20.0);
+    assert!(force_n(&world.run(0.3)) < before / 20.0);
     assert_eq!(world.order(Order::Untare).unwrap().outcome, Ok(Done::Obeyed));
     let undone = world.run(0.4);
     assert!((force_n(&undone) / before - 1.0).abs() < 0.05, "{} N, {before} N", force_n(&undone));

@@ -57,7 +57,7 @@ fn supervisor(folder: &Path) -> (Supervisor, ChannelSender) {
 fn started(options: &Options) -> (Supervisor, ChannelSender) {
     let (sender, source) = channel(1 << 14);
     let loaded = Loaded::load(options).unwrap();
-    (super::start(options, loaded, Box::new(source), None).unwrap(), sender)
+    (super::start(options, loaded, |_, _| Ok((Box::new(source), None))).unwrap(), sender)
 }
 
 /// A daemon that runs; it ends when it is dropped.
