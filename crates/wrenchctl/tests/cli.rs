@@ -310,3 +310,17 @@ fn the_demo_agrees_with_the_truth() {
     assert!(said.lines().filter(|line| line.starts_with("t=")).count() >= 8, "a line a second: {said}");
     assert!(!said.contains('\x1b'), "no terminal, no control characters");
 }
+
+#[test]
+fn without_a_daemon_its_commands_say_what_to_check() {
+    let folder = Folder::new();
+    let socket = folder.path("control.sock");
+    for command in
+        [&["status"][..], &["tare"], &["untare"], &["reload"], &["payload", "0.5", "0", "0", "0.05"]]
+    {
+        let args = [command, &["--socket", &socket]].concat();
+        refused(&args, &[&socket, "is wrenchd running"]);
+    }
+    refused(&["payload", "-1", "0", "0", "0", "--socket", &socket], &["-1", "1000 kg"]);
+    refused(&["monitor", "--socket", &socket], &["terminal", "wrenchctl status"]);
+}

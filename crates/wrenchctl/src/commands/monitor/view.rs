@@ -252,8 +252,8 @@ mod tests {
         let text = picture(110, 36, &sines);
         for part in [
             "degraded",
-            "Fx 2.55 \u{b1} 0.02 N",
-            "Tz 2.549",
+            "Fx 2.60 \u{b1} 0.02 N",
+            "Tz 2.603",
             "saturated",
             "1.5 of 65, 1 spare",
             "998 Hz, event",
