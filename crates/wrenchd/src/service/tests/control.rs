@@ -4,8 +4,12 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
-use super::{Daemon, LOAD, wait_for};
+use can::channel::channel;
+
+use super::{Daemon, LOAD, files, started, wait_for};
 use crate::control::Reply;
+use crate::service::load::Loaded;
+use crate::service::start;
 use crate::view::Live;
 use rig::Status;
 
@@ -135,4 +139,26 @@ fn a_stream_goes_on_and_a_reload_answers() {
     assert!(error.contains("model.toml") && error.contains("go on"), "{error}");
     assert!(other.hear().ok, "the stream outlives a reload");
     client.wait_for_wrench();
+}
+
+#[test]
+fn a_socket_that_cannot_be_made_is_no_reason_to_stop_and_one_that_is_served_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = files(folder.path(), "");
+    let (first, _bus) = started(&options);
+    assert!(folder.path().join("control.sock").exists());
+    let (_other_bus, source) = channel(16);
+    let loaded = Loaded::load(&options).unwrap();
+    let second = start(&options, loaded, |_, _| Ok((Box::new(source), None)));
+    let refused = second.err().unwrap().to_string();
+    assert!(refused.contains("another wrenchd serves it"), "{refused}");
+    first.runner.stop().unwrap();
+
+    let text = std::fs::read_to_string(&options.config).unwrap();
+    let socket = folder.path().join("control.sock").display().to_string();
+    assert!(text.contains(&socket));
+    std::fs::write(&options.config, text.replace(&socket, "/proc/no/control.sock")).unwrap();
+    let (without, _bus) = started(&options);
+    assert!(!without.runner.has_ended(), "the cycle runs without it");
+    without.runner.stop().unwrap();
 }
