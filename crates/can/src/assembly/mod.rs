@@ -188,6 +188,7 @@ impl Assembler {
             self.commit(stamp_ns);
             return;
         };
+        self.rhythm.observe_pause(&mut self.streams[first], self.round, stamp_ns);
         let round = if self.open && !again { self.round } else { self.round + 1 };
         self.rhythm.observe_interval(&self.streams[first], round, stamp_ns);
         if !self.open && self.rhythm.fresh {
@@ -229,7 +230,7 @@ impl Assembler {
 
     /// Lets rounds begin elsewhere in the boards' cycle if they must: then counters were compared across cycles
     fn realign(&mut self) {
-        if self.rhythm.realign(&mut self.streams) {
+        if self.rhythm.realign(&mut self.streams, self.round) {
             self.discard = true;
             self.cycles.forget();
         }
