@@ -87,7 +87,7 @@ fn input(guest: &Guest) -> Check {
             // Who sends on a link that goes is told so.
             let sender = playing.finish(STEP)?.expect_code(2)?;
             ensure!(sender.stderr().contains("vcan0 is down or gone"), "replay said: {}", sender.stderr());
-            pause(600);
+            pause(1500);
             let mended_ns = now_ns()?;
             mend(guest)?;
             Ok([begun_ns, failed_ns, mended_ns])
