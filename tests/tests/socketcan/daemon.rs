@@ -108,7 +108,7 @@ impl Played {
         );
         let expected = self.settled.iter().filter(|settled| **settled > WARM_UP).count();
         // Where rounds begin may be found anew once while the rhythm is young.
-        let short = expected - count.min(expected);
+        let short = expected.saturating_sub(count);
         ensure!(short <= 1, "{count} wrenches of {expected} rounds beyond the first of a stretch");
         ensure!(2 * count > rounds, "only {count} of {rounds} rounds are not the first of a stretch");
         ensure!(wrong.is_empty(), "{} of {count} wrenches have a bad status: {wrong:x?}", wrong.len());
