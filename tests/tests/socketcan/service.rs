@@ -190,8 +190,7 @@ fn bad_reload(guest: &Guest) -> Check {
     let records = published::decode(&far.stop()?)?;
     // The old model went on without missing an instant.
     let offline = arm.offline(guest, &recording, &good_model)?;
-    let first_ns = candump::read(&recording)?.first().map_or(0, |line| line.stamp_ns);
-    let pairs = pair(&records, &offline, first_ns)?;
+    let pairs = pair(&records, &offline, &candump::read(&recording)?)?;
     ensure!(pairs.len() > 990, "1000 rounds gave {} wrenches", pairs.len());
     ensure_equal(&pairs)
 }
