@@ -1,6 +1,7 @@
 //! When a round ends: which messages are due, and to which cycle of the boards a frame belongs
 
 use super::Absence;
+use super::order::Order;
 
 /// Most rounds between two frames of a message that are still waited for
 const MAX_USUAL: u64 = 16;
@@ -172,9 +173,14 @@ pub(super) struct Rhythm {
     unfit: u8,
     /// Rounds in a row that only the rhythm ended
     cuts: u8,
+    order: Order,
 }
 
 impl Rhythm {
+    pub(super) fn new(messages: usize) -> Self {
+        Self { order: Order::new(messages), ..Self::default() }
+    }
+
     /// Forgets where in the cycle we are, keeps what was learned
     pub(super) fn lose_origin(&mut self) {
         self.origin_ns = None;
@@ -226,15 +232,14 @@ impl Rhythm {
 
     /// Whether a frame that came late for the open round belongs to it all the same: it follows those that have come, and is not in
     /// its place in a later cycle either. So the sender paused; frames that are lost leave the others in their places.
-    pub(super) fn paused(&self, stream: &Stream, streams: &[Stream], stamp_ns: i64) -> bool {
-        let (Some(period), Some(phase), Some(origin)) = (self.period_ns, stream.phase_ns, self.origin_ns)
+    pub(super) fn paused(&self, number: usize, streams: &[Stream], stamp_ns: i64) -> bool {
+        let (Some(period), Some(phase), Some(origin)) =
+            (self.period_ns, streams[number].phase_ns, self.origin_ns)
         else {
             return false;
         };
-        let follows = streams
-            .iter()
-            .filter(|other| other.arrived)
-            .all(|other| other.phase_ns.is_some_and(|other| other < phase));
+        let mut arrived = (0..streams.len()).filter(|other| streams[*other].arrived);
+        let follows = arrived.all(|other| self.order.last(other, number));
         let cycles = (stamp_ns - phase - origin) as f64 / period;
         follows && (cycles - cycles.round()).abs() > 0.125
     }
@@ -246,12 +251,11 @@ impl Rhythm {
 
     /// Whether a frame that usually comes before one of the open round's begins the next: it comes long after them, or in a burst, in
     /// which only the order tells
-    pub(super) fn begins_anew(&self, stream: &Stream, streams: &[Stream], stamp_ns: i64) -> bool {
-        let before =
-            |other: &Stream| stream.phase_ns.zip(other.phase_ns).is_some_and(|(own, other)| own < other);
+    pub(super) fn begins_anew(&self, number: usize, streams: &[Stream], stamp_ns: i64) -> bool {
+        let mut arrived = (0..streams.len()).filter(|other| streams[*other].arrived);
         self.period_ns.is_some()
             && (self.long_since(stamp_ns) || self.resumed_ns.is_some() || !self.in_time)
-            && streams.iter().any(|other| other.arrived && before(other))
+            && arrived.any(|other| self.order.usual(number, other))
     }
 
     /// The counters say that a cycle is missing: so what came before the open round's pause was of that cycle, and the rest of it
@@ -272,6 +276,7 @@ impl Rhythm {
         if self.cuts > MAX_IN_A_ROW {
             self.cuts = 0;
             self.origin_ns = None;
+            self.order.forget();
             streams.iter_mut().for_each(|stream| stream.phase_ns = None);
         }
     }
@@ -291,7 +296,10 @@ impl Rhythm {
     }
 
     /// A frame takes its place in the open round
-    pub(super) fn join(&mut self, stream: &mut Stream, stamp_ns: i64) {
+    pub(super) fn join(&mut self, number: usize, streams: &mut [Stream], stamp_ns: i64) {
+        self.order.observe(number, streams);
+        let stream = &mut streams[number];
+        stream.arrived = true;
         self.frames += 1;
         if self.period_ns.is_some() && self.long_since(stamp_ns) {
             self.resumed_ns = Some(stamp_ns);
@@ -363,6 +371,7 @@ impl Rhythm {
         }
         self.unfit = 0;
         self.origin_ns = None;
+        self.order.forget();
         for (number, stream) in streams.iter_mut().enumerate() {
             stream.phase_ns = (number == longest).then_some(0);
         }
