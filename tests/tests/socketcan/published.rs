@@ -141,14 +141,15 @@ impl Published {
     }
 }
 
-/// Pairs what was published live, in event mode, with what was computed offline from what the daemon received: one to one, in order. `first_ns` is the
-/// stamp of its first frame. What is left over must be records of silence: invalid and stale, and only before the first instant, after the last,
+/// Pairs what was published live, in event mode, with what was computed offline from what the daemon `recorded`: one to one, in order. What is left over must be records of silence: invalid and stale, and only before the first instant, after the last,
 /// or where no round was complete for longer than [`STALE_AFTER_NS`].
 pub(crate) fn pair<'a>(
     live: &'a [Published],
     offline: &'a [Published],
-    first_ns: i64,
+    recorded: &[Line],
 ) -> Check<Vec<(&'a Published, &'a Published)>> {
+    let [first_ns, last_ns] =
+        [recorded.first(), recorded.last()].map(|line| line.map_or(0, |line| line.stamp_ns));
     let silent = |records: &[Published]| records.iter().take_while(|record| record.status == SILENCE).count();
     let mut pairs = Vec::with_capacity(offline.len());
     let mut at = 0;
@@ -159,7 +160,7 @@ pub(crate) fn pair<'a>(
         ensure!(told >= meant, "records {at}..: {told} silent ones live, {meant} offline");
         at += told;
         pairs.extend(live[at - meant..at].iter().zip(&offline[next..]));
-        let may = silences(offline, next, next + meant);
+        let may = silences(offline, next, next + meant, last_ns - first_ns);
         let told = told - meant;
         ensure!(told <= may, "before record {at} silence is told {told} times, not up to {may}");
         match (live.get(at), offline.get(next + meant)) {
@@ -179,15 +180,15 @@ pub(crate) fn pair<'a>(
     }
 }
 
-/// How often silence may be told from the instant before `from` to the instant `to`.
-fn silences(offline: &[Published], from: usize, to: usize) -> usize {
+/// How often silence may be told from the instant before `from` to the instant `to`; the last frame came at `last_ns`.
+fn silences(offline: &[Published], from: usize, to: usize, last_ns: i64) -> usize {
     let Some(before) = from.checked_sub(1) else { return usize::MAX };
     if to >= offline.len() {
         return usize::MAX;
     }
-    // A round is complete some time after its instant, but before the next one's.
-    let waits_ns =
-        (before..to).map(|at| offline[(at + 2).min(offline.len() - 1)].time_ns - offline[at].time_ns);
+    // A round is complete some time after its instant, but before the next one's; the last one before the last frame.
+    let complete_ns = |at: usize| offline.get(at + 1).map_or(last_ns, |next| next.time_ns);
+    let waits_ns = (before..to).map(|at| complete_ns(at + 1) - offline[at].time_ns);
     let tellings =
         |wait_ns: i64| if wait_ns < STALE_AFTER_NS { 0 } else { 1 + (wait_ns / SILENCE_PERIOD_NS) as usize };
     waits_ns.map(tellings).sum()
