@@ -102,6 +102,12 @@ impl Arm {
         Ok(Self { form, config, model: own_model })
     }
 
+    /// Adds tables to the configuration.
+    pub(crate) fn configure(&self, tables: &str) -> Check {
+        let text = fs::read_to_string(&self.config).at("read", &self.config)? + tables;
+        fs::write(&self.config, text).at("write", &self.config)
+    }
+
     /// The committed recording in this arm's form.
     pub(crate) fn recording(&self) -> Check<Vec<Line>> {
         let lines = candump::read(&captures().join("accuracy/can.log.gz"))?;

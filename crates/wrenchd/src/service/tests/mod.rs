@@ -42,6 +42,9 @@ fn files(folder: &Path, more: &str) -> Options {
     let (before, rest) = text.split_once("[publish.can]").unwrap();
     let after = rest.split_once("# Records for Net F/T").unwrap().1;
     let text = format!("{before}#{after}\n{more}").replace("mode = \"fixed\"", "mode = \"event\"");
+    // A busy computer's pauses are not what is tested here.
+    assert!(text.contains("# stale_after_s = 0.02"));
+    let text = text.replace("# stale_after_s = 0.02", "stale_after_s = 0.5");
     let text = text.replace("/run/wrenchd", &folder.display().to_string());
     fs::write(folder.join("arm.toml"), text).unwrap();
     let robot = rig(PublishMode::Event);
@@ -127,11 +130,11 @@ fn free_udp() -> SocketAddr {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap()
 }
 
-/// Waits until it holds, at most ten seconds.
+/// Waits until it holds, at most half a minute.
 fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !holds() {
-        assert!(begun.elapsed() < Duration::from_secs(10), "waited in vain: {what}");
+        assert!(begun.elapsed() < Duration::from_secs(30), "waited in vain: {what}");
         std::thread::sleep(Duration::from_millis(10));
     }
 }

@@ -24,7 +24,7 @@ impl Client {
     fn at(own: &str, server: SocketAddr) -> Self {
         let socket = UdpSocket::bind(own).unwrap();
         socket.connect(server).unwrap();
-        socket.set_read_timeout(Some(Duration::from_millis(300))).unwrap();
+        socket.set_read_timeout(Some(Duration::from_secs(1))).unwrap();
         Self(socket)
     }
 
