@@ -11,8 +11,9 @@ use std::time::{Duration, Instant};
 
 /// How often a wait looks again, where nothing wakes it.
 const LOOK: Duration = Duration::from_millis(5);
-/// After a program has ended: how long its output may still be held open by a child of its own.
-const DRAIN: Duration = Duration::from_secs(2);
+/// After a program has ended: without a line for so long its output is held open by a child of its own. What it wrote waits in the
+/// pipe; on a busy computer the thread that reads it may be held up for seconds.
+const DRAIN: Duration = Duration::from_secs(10);
 
 #[derive(Default)]
 struct Output {
@@ -30,6 +31,22 @@ struct Shared {
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, Output> {
         self.output.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until all outputs are closed, or held open and silent.
+    fn drain(&self) {
+        let mut seen = 0;
+        loop {
+            let mut lines = seen;
+            let moved = self.wait(Instant::now() + DRAIN, |output| {
+                lines = output.lines.len();
+                output.open == 0 || lines > seen
+            });
+            if !moved || lines == seen {
+                return;
+            }
+            seen = lines;
+        }
     }
 
     /// Waits until `done` holds or the deadline has passed; says which.
@@ -153,7 +170,7 @@ impl Program {
             }
             std::thread::sleep(LOOK);
         };
-        self.shared.wait(Instant::now() + DRAIN, |output| output.open == 0);
+        self.shared.drain();
         let lines = std::mem::take(&mut self.shared.lock().lines);
         Ok(Finished { name: self.name.clone(), status, lines })
     }
