@@ -1,7 +1,7 @@
 //! The cycle: CAN frames in, the environment's wrench out. Daemon, demo and offline commands all run this.
 //!
 //! ```text
-//! frame + stamp -> Assembler -> snapshot -> MotionFilter per joint -> WrenchEstimator -> Estimate
+//! frame + stamp -> Assembler -> snapshot -> MotionFilter per joint, Conditioner per gauge -> WrenchEstimator -> Estimate
 //! ```
 //!
 //! A function of the frames, their stamps and the model alone: no clock, so live and offline agree. Allocates at
@@ -9,8 +9,9 @@
 
 use can::assembly::{Absence, Assembler, Snapshot};
 use can::frame::Stamped;
-use model::estimator::{GaugeModel, NoWrench, Solution, WrenchEstimator};
+use model::estimator::{GaugeModel, GaugeReading, NoWrench, Solution, WrenchEstimator};
 use model::motion::{JointMotion, MotionFilter, RoundClock, Sampled};
+use model::terms::{Conditioner, Effect};
 
 use crate::model_file::ModelFile;
 use crate::status::Status;
@@ -78,8 +79,11 @@ impl std::fmt::Display for Refusal {
 #[derive(Clone, Debug)]
 pub struct Stage {
     estimator: WrenchEstimator,
-    counts: Vec<Option<f64>>,
+    readings: Vec<Option<GaugeReading>>,
     watches: Vec<StuckWatch>,
+    conditioners: Vec<Conditioner>,
+    /// Whether a gauge's readings are corrected for its temperature.
+    thermal: Vec<bool>,
 }
 
 /// Tells a gauge that stands still from one that is quiet.
@@ -107,30 +111,64 @@ impl StuckWatch {
 }
 
 impl Stage {
-    /// For a robot and its gauges.
+    /// For a robot as its URDF has it, and its gauges.
     pub fn new(rig: &Rig, gauges: Vec<GaugeModel>) -> Self {
-        let n = gauges.len();
+        let conditioners = gauges.iter().map(|gauge| Conditioner::new(&gauge.terms)).collect();
+        Self::with(gauges.clone(), WrenchEstimator::new(&rig.chain, &rig.sections, gauges), conditioners)
+    }
+
+    /// For a robot as it was calibrated.
+    pub fn of_model(rig: &Rig, model: &ModelFile) -> Self {
+        let gauges = model.gauges();
+        let (chain, arm) = model.arm(&rig.chain);
+        let conditioners = gauges.iter().map(|gauge| Conditioner::new(&gauge.terms)).collect();
+        let estimator = WrenchEstimator::with_arm(&chain, &rig.sections, gauges.clone(), arm);
+        Self::with(gauges, estimator, conditioners)
+    }
+
+    fn with(gauges: Vec<GaugeModel>, estimator: WrenchEstimator, conditioners: Vec<Conditioner>) -> Self {
+        let is_thermal = |gauge: &GaugeModel| {
+            gauge.terms.terms.iter().any(|term| matches!(term.effect, Effect::Temperature { .. }))
+        };
         Self {
             watches: gauges.iter().map(StuckWatch::new).collect(),
-            estimator: WrenchEstimator::new(&rig.chain, &rig.sections, gauges),
-            counts: Vec::with_capacity(n),
+            thermal: gauges.iter().map(is_thermal).collect(),
+            readings: Vec::with_capacity(gauges.len()),
+            estimator,
+            conditioners,
         }
     }
 
-    /// The wrench of a snapshot, given every coordinate's motion at its instant.
-    pub fn estimate(&mut self, snapshot: &Snapshot, motion: &[JointMotion], status: Status) -> Estimate {
-        let mut status = status;
-        self.counts.clear();
-        for (gauge, watch) in snapshot.gauges.iter().zip(&mut self.watches) {
+    /// Takes in a snapshot's gauges and temperatures; what to flag of them.
+    fn listen(&mut self, snapshot: &Snapshot) -> Status {
+        let mut status = Status::GOOD;
+        self.readings.clear();
+        for (k, gauge) in snapshot.gauges.iter().enumerate() {
             let counts = match gauge {
-                Ok(reading) if watch.is_stuck(reading.value) => Err(Status::DEGRADED),
+                Ok(reading) if self.watches[k].is_stuck(reading.value) => Err(Status::DEGRADED),
                 Ok(reading) => Ok(reading.value),
                 Err(absence) => Err(left_out(*absence)),
             };
             status = status.with(counts.err().unwrap_or_default());
-            self.counts.push(counts.ok());
+            let temperature = snapshot.temperatures[k].ok().map(|reading| reading.value);
+            if self.thermal[k] && temperature.is_none() {
+                status = status.with(Status::STALE);
+            }
+            let conditioner = &mut self.conditioners[k];
+            conditioner.push(snapshot.instant_ns, counts.ok(), temperature);
+            self.readings.push(counts.ok().map(|counts| GaugeReading {
+                counts,
+                regressors: *conditioner.regressors(),
+                unsettled_counts2: conditioner.unsettled_counts2(),
+            }));
         }
-        let outcome = self.estimator.estimate(motion, &self.counts).map_err(Refusal::Estimator);
+        status
+    }
+
+    /// The wrench of a snapshot, given every coordinate's motion at its instant. The same snapshot may come twice.
+    pub fn estimate(&mut self, snapshot: &Snapshot, motion: &[JointMotion], status: Status) -> Estimate {
+        let mut status = status.with(self.listen(snapshot));
+        let outcome = self.estimator.estimate(motion, &self.readings).map_err(Refusal::Estimator);
         let outcome = outcome.and_then(|solution| match worst_sigma_n(&solution) <= INVALID_ABOVE_N {
             true => Ok(solution),
             false => Err(Refusal::TooUncertain),
@@ -169,7 +207,7 @@ impl Cycle {
         Ok(Self {
             assembler: Assembler::new(&rig.layout)?,
             tracker: MotionTracker::new(rig, model),
-            stage: Stage::new(rig, model.gauges()),
+            stage: Stage::of_model(rig, model),
         })
     }
 
@@ -250,13 +288,16 @@ impl MotionTracker {
     pub fn advance(&mut self, snapshot: &Snapshot, stage: &mut Stage) -> Estimate {
         match self.track(snapshot) {
             Ok((motion, status)) => stage.estimate(snapshot, motion, status),
-            Err(coordinate) => Estimate {
-                instant_ns: snapshot.instant_ns,
-                last_stamp_ns: snapshot.last_stamp_ns,
-                round: snapshot.round,
-                outcome: Err(Refusal::JointUnknown(coordinate)),
-                status: Status::INVALID.with(Status::STALE),
-            },
+            Err(coordinate) => {
+                let heard = stage.listen(snapshot);
+                Estimate {
+                    instant_ns: snapshot.instant_ns,
+                    last_stamp_ns: snapshot.last_stamp_ns,
+                    round: snapshot.round,
+                    outcome: Err(Refusal::JointUnknown(coordinate)),
+                    status: Status::INVALID.with(Status::STALE).with(heard),
+                }
+            }
         }
     }
 }
@@ -295,6 +336,7 @@ mod tests {
             covariance: nalgebra::SMatrix::zeros(),
             assumed: None,
             noise_counts2: noise_counts * noise_counts,
+            terms: model::terms::GaugeTerms::default(),
         }
     }
 

@@ -7,10 +7,14 @@
 //! `L_i` is the load of the arm itself (weight and inertia of everything outboard, tool included), so `W` is what is
 //! left: the environment's wrench about the tip frame's origin E, in E. `W` follows by generalised least squares with
 //! the full covariance of `e`: each gauge's noise, each gauge's calibration (in proportion to the load it carries), and
-//! joint motion that all gauges share. The parity residual is what six unknowns cannot explain of more than six gauges.
+//! joint motion that all gauges share, and the directions in which a calibration left arm and gauges uncertain together.
+//! Joints that yield are followed by a fixed point of two steps: under the arm's own weight first, then under the wrench as well.
+//! The parity residual is what six unknowns cannot explain of more than six gauges.
 
+mod arm;
 mod gls;
 
+pub use arm::{ArmModel, Deviation};
 pub use gls::{Fit, Gls, NoFit, singular_values};
 
 use crate::chain::{Chain, Section};
@@ -18,10 +22,16 @@ use crate::dynamics::Dynamics;
 use crate::motion::JointMotion;
 use crate::sensing::CHARACTERISTIC_LENGTH_M;
 use crate::spatial::{Tip, Wrench};
-use nalgebra::{Matrix3, Matrix6, SMatrix, Vector6};
+use crate::terms::{GaugeTerms, MOST_TERMS, Regressors};
+use arm::Arm;
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector6};
 
-/// Covariance of a gauge's compliance vector and bias: counts/N, counts/Nm, counts, in that order.
-pub type GaugeCovariance = SMatrix<f64, 7, 7>;
+/// Numbers of one gauge: six sensitivities, bias, terms.
+pub const GAUGE_NUMBERS: usize = 7 + MOST_TERMS;
+
+/// Covariance of a gauge's compliance vector, bias and terms: counts/N, counts/Nm, counts, counts a unit of each term's
+/// regressor, in that order; zero where there is no term.
+pub type GaugeCovariance = SMatrix<f64, GAUGE_NUMBERS, GAUGE_NUMBERS>;
 
 /// Scale of the wrench for which a gauge with an undetermined direction is weighed before anything is known, N.
 const EXPECTED_FORCE_N: f64 = 10.0;
@@ -36,12 +46,33 @@ pub struct GaugeModel {
     pub compliance: Vector6<f64>,
     /// Reading without load, counts.
     pub bias_counts: f64,
-    /// Covariance of compliance and bias, the assumed width of unseen directions included.
+    /// Covariance of compliance, bias and terms, the assumed width of unseen directions included; without what the arm's
+    /// deviations already say.
     pub covariance: GaugeCovariance,
     /// The part of the compliance's covariance that is assumed, not measured; `None` where everything was seen.
     pub assumed: Option<Matrix6<f64>>,
     /// Variance of one reading, counts^2.
     pub noise_counts2: f64,
+    /// What it adds to its readings beside the load's share.
+    pub terms: GaugeTerms,
+}
+
+/// One gauge's reading at an instant, with the terms that go with it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GaugeReading {
+    /// The reading, counts.
+    pub counts: f64,
+    /// Its terms' regressors.
+    pub regressors: Regressors,
+    /// Variance that an unknown past gives to the terms, counts^2.
+    pub unsettled_counts2: f64,
+}
+
+impl From<f64> for GaugeReading {
+    /// A reading (counts) of a gauge without terms.
+    fn from(counts: f64) -> Self {
+        Self { counts, regressors: [0.0; MOST_TERMS], unsettled_counts2: 0.0 }
+    }
 }
 
 /// Wrench of the environment on the end-effector at one instant.
@@ -76,8 +107,11 @@ pub enum NoWrench {
 pub struct WrenchEstimator {
     dynamics: Dynamics,
     gauges: Vec<GaugeModel>,
+    arm: Arm,
     gls: Gls,
     motion: [Vec<f64>; 3],
+    /// The encoders' positions, before joints yield, rad.
+    encoders_rad: Vec<f64>,
     /// Gauges that have a reading at this instant.
     present: Vec<Row>,
     /// Effect of one shared error on each row, counts.
@@ -90,19 +124,27 @@ struct Row {
     gauge: usize,
     /// Counts per N and per Nm of a tip wrench in E.
     tip: Vector6<f64>,
-    /// Reading less bias and the arm's own load, counts.
+    /// Reading less bias, terms and the arm's own load, counts.
     value: f64,
+    reading: GaugeReading,
 }
 
 impl WrenchEstimator {
     /// For an arm (with its tool) and its calibrated gauges; `sections[i]` is where `gauges[i]` sits.
     pub fn new(chain: &Chain, sections: &[Section], gauges: Vec<GaugeModel>) -> Self {
+        Self::with_arm(chain, sections, gauges, ArmModel::default())
+    }
+
+    /// The same for a calibrated arm: `chain` is the corrected one.
+    pub fn with_arm(chain: &Chain, sections: &[Section], gauges: Vec<GaugeModel>, arm: ArmModel) -> Self {
         let dynamics = Dynamics::new(chain, sections);
         let (n, coordinates) = (gauges.len(), dynamics.coordinates());
         Self {
             dynamics,
+            arm: Arm::new(chain, sections, arm),
             gls: Gls::new(n),
             motion: std::array::from_fn(|_| vec![0.0; coordinates]),
+            encoders_rad: vec![0.0; coordinates],
             present: Vec::with_capacity(n),
             shared: Vec::with_capacity(n),
             gauges,
@@ -119,21 +161,32 @@ impl WrenchEstimator {
         self.present.iter().map(|row| row.gauge).zip(self.gls.whitened_residuals().iter().copied())
     }
 
-    /// The wrench at one instant from each joint's motion and each gauge's reading (counts; `None`: absent).
+    /// The wrench at one instant from each joint's motion and each gauge's reading (`None`: absent).
     ///
     /// Two passes: the first weighs the gauges as if little were known of the wrench, the second with the uncertainty
-    /// that the wrench found in the first gives to every gauge's calibration.
-    pub fn estimate(&mut self, motion: &[JointMotion], counts: &[Option<f64>]) -> Result<Solution, NoWrench> {
+    /// that the wrench found in the first gives to every gauge's calibration, and with joints that yield under it.
+    pub fn estimate(
+        &mut self,
+        motion: &[JointMotion],
+        readings: &[Option<GaugeReading>],
+    ) -> Result<Solution, NoWrench> {
         for (k, joint) in motion.iter().enumerate() {
+            self.encoders_rad[k] = joint.position_rad;
             self.motion[0][k] = joint.position_rad;
             self.motion[1][k] = joint.velocity_rad_s;
             self.motion[2][k] = joint.acceleration_rad_s2;
         }
-        let [q, qd, qdd] = &self.motion;
-        self.dynamics.update(q, qd, qdd);
+        self.move_arm();
+        self.yield_under(&Wrench::zero());
         self.dynamics.differentiate();
-        self.collect(counts);
+        self.collect(readings);
+        self.arm.place(&self.motion[0], &Wrench::zero());
         let first = self.solve(motion, None)?;
+        let wrench = Wrench::from_vector(&first.x);
+        if self.yield_under(&wrench) {
+            self.collect(readings);
+        }
+        self.arm.place(&self.motion[0], &wrench);
         let second = self.solve(motion, Some(&first))?;
         Ok(Solution {
             wrench: Wrench::from_vector(&second.x),
@@ -144,14 +197,34 @@ impl WrenchEstimator {
         })
     }
 
-    fn collect(&mut self, counts: &[Option<f64>]) {
+    fn move_arm(&mut self) {
+        let [q, qd, qdd] = &self.motion;
+        self.dynamics.update(q, qd, qdd);
+    }
+
+    /// Lets the joints yield under the arm's own load and a tip wrench, as the state of the last update has them;
+    /// whether any joint yields.
+    fn yield_under(&mut self, wrench: &Wrench<Tip>) -> bool {
+        if !self.arm.yields() {
+            return false;
+        }
+        for (k, flexibility) in self.arm.flexibility_rad_per_nm.iter().enumerate() {
+            self.motion[0][k] = self.encoders_rad[k] + flexibility * self.dynamics.joint_torque_nm(k, wrench);
+        }
+        self.move_arm();
+        true
+    }
+
+    fn collect(&mut self, readings: &[Option<GaugeReading>]) {
         self.present.clear();
-        for (i, (gauge, counts)) in self.gauges.iter().zip(counts).enumerate() {
-            let Some(counts) = counts else { continue };
+        for (i, (gauge, reading)) in self.gauges.iter().zip(readings).enumerate() {
+            let Some(reading) = *reading else { continue };
+            let own = gauge.bias_counts + gauge.terms.counts(&reading.regressors);
             self.present.push(Row {
                 gauge: i,
                 tip: self.dynamics.row_to_tip(i, &gauge.compliance),
-                value: counts - gauge.bias_counts - gauge.compliance.dot(&self.dynamics.load(i)),
+                value: reading.counts - own - gauge.compliance.dot(&self.dynamics.load(i)),
+                reading,
             });
         }
     }
@@ -162,13 +235,15 @@ impl WrenchEstimator {
         for row in &self.present {
             let gauge = &self.gauges[row.gauge];
             let variance = gauge.noise_counts2
-                + self.calibration_variance(row.gauge, &wrench)
+                + row.reading.unsettled_counts2
+                + self.calibration_variance(row, &wrench)
                 + self.unseen_variance(row.gauge, found);
             self.gls.push(&row.tip, row.value, variance);
         }
         for (coordinate, joint) in motion.iter().enumerate() {
             self.share_motion_error(coordinate, &joint.covariance, &wrench);
         }
+        self.share_deviations(&wrench);
         let length = CHARACTERISTIC_LENGTH_M;
         self.gls.solve(&[1.0, 1.0, 1.0, length, length, length]).map_err(|e| match e {
             NoFit::TooFewRows => NoWrench::TooFewGauges,
@@ -178,10 +253,35 @@ impl WrenchEstimator {
     }
 
     /// Variance that the calibration's uncertainty gives to a gauge under its present load, counts^2.
-    fn calibration_variance(&self, gauge: usize, wrench: &Wrench<Tip>) -> f64 {
-        let load = self.dynamics.load(gauge) + self.dynamics.load_of_tip_wrench(gauge, wrench).to_vector();
-        let load = load.push(1.0);
-        load.dot(&(self.gauges[gauge].covariance * load))
+    fn calibration_variance(&self, row: &Row, wrench: &Wrench<Tip>) -> f64 {
+        let regressors = self.regressors(row, wrench);
+        regressors.dot(&(self.gauges[row.gauge].covariance * regressors))
+    }
+
+    /// What a gauge's numbers are multiplied by under its present load: N, Nm, one, the terms' regressors.
+    fn regressors(&self, row: &Row, wrench: &Wrench<Tip>) -> SVector<f64, GAUGE_NUMBERS> {
+        let i = row.gauge;
+        let load = self.dynamics.load(i) + self.dynamics.load_of_tip_wrench(i, wrench).to_vector();
+        let terms = &row.reading.regressors;
+        SVector::from_fn(|k, _| match k {
+            0..6 => load[k],
+            6 => 1.0,
+            _ => terms[k - 7],
+        })
+    }
+
+    /// Adds the directions in which arm and gauges are uncertain together: they move all rows together.
+    fn share_deviations(&mut self, wrench: &Wrench<Tip>) {
+        for deviation in 0..self.arm.deviations() {
+            self.shared.clear();
+            for row in &self.present {
+                let (compliance, regressors) =
+                    (&self.gauges[row.gauge].compliance, self.regressors(row, wrench));
+                let change = self.arm.change_counts(deviation, row.gauge, compliance, &regressors, wrench);
+                self.shared.push(change);
+            }
+            self.gls.add_shared_error(&self.shared);
+        }
     }
 
     /// Variance from directions that the calibration never saw, excited by a wrench that is itself uncertain, counts^2.
@@ -264,6 +364,7 @@ mod tests {
                     covariance: GaugeCovariance::zeros(),
                     assumed: None,
                     noise_counts2: 500.0f64.powi(2),
+                    terms: GaugeTerms::default(),
                 }
             })
             .collect()
@@ -274,7 +375,11 @@ mod tests {
     }
 
     /// Readings of ideal gauges, from the loads by another way than the estimator's rows.
-    fn readings(gauges: &[GaugeModel], motion: &[JointMotion], wrench: &Wrench<Tip>) -> Vec<Option<f64>> {
+    fn readings(
+        gauges: &[GaugeModel],
+        motion: &[JointMotion],
+        wrench: &Wrench<Tip>,
+    ) -> Vec<Option<GaugeReading>> {
         let (chain, sections) = arm();
         let mut d = Dynamics::new(&chain, &sections);
         let part = |f: fn(&JointMotion) -> f64| motion.iter().map(f).collect::<Vec<_>>();
@@ -284,7 +389,7 @@ mod tests {
             .enumerate()
             .map(|(i, g)| {
                 let load = d.load(i) + d.tip_adjoint(i) * wrench.to_vector();
-                Some(g.compliance.dot(&load) + g.bias_counts)
+                Some(GaugeReading::from(g.compliance.dot(&load) + g.bias_counts))
             })
             .collect()
     }
@@ -348,6 +453,90 @@ mod tests {
         motion[1].covariance[(2, 2)] = 4.0;
         let unsure = estimator.estimate(&motion, &counts).unwrap();
         assert!(unsure.covariance.trace() > 2.0 * sure.covariance.trace());
+    }
+
+    /// Readings of an arm whose joints yield, its true positions found by iterating to the end.
+    fn yielding(
+        gauges: &[GaugeModel],
+        motion: &[JointMotion],
+        wrench: &Wrench<Tip>,
+        flexibility: &[f64],
+    ) -> Vec<Option<GaugeReading>> {
+        let (chain, sections) = arm();
+        let mut d = Dynamics::new(&chain, &sections);
+        let mut bent = motion.to_vec();
+        for _ in 0..20 {
+            d.update_static(&bent.iter().map(|m| m.position_rad).collect::<Vec<_>>());
+            for (k, joint) in bent.iter_mut().enumerate() {
+                joint.position_rad = motion[k].position_rad + flexibility[k] * d.joint_torque_nm(k, wrench);
+            }
+        }
+        readings(gauges, &bent, wrench)
+    }
+
+    #[test]
+    fn follows_joints_that_yield_and_terms_that_add() {
+        let (chain, sections) = arm();
+        let flexibility = vec![1e-4, 2e-4, 3e-4, 5e-4, 2e-4, 1e-4];
+        let mut counts = yielding(&gauges(), &pose(), &wrench(), &flexibility);
+        let model = ArmModel { flexibility_rad_per_nm: flexibility, deviations: Vec::new() };
+        let mut known = gauges();
+        known[3].terms.terms.push(crate::terms::Term {
+            effect: crate::terms::Effect::Power { order: 2 },
+            coefficient_counts: 4000.0,
+            start_sigma: 0.0,
+        });
+        if let Some(reading) = &mut counts[3] {
+            reading.regressors[0] = 0.5;
+            reading.counts += 2000.0;
+        }
+        let mut stiff = WrenchEstimator::new(&chain, &sections, gauges());
+        let mut soft = WrenchEstimator::with_arm(&chain, &sections, known, model);
+        let error = |e: &mut WrenchEstimator| {
+            (e.estimate(&pose(), &counts).unwrap().wrench.to_vector() - wrench().to_vector()).amax()
+        };
+        // What is left of the second step of the fixed point is a ten-thousandth of what the first took away.
+        assert!(
+            error(&mut stiff) > 0.02 && error(&mut soft) < 5e-5,
+            "{} {}",
+            error(&mut stiff),
+            error(&mut soft)
+        );
+    }
+
+    #[test]
+    fn a_deviation_is_worth_the_error_that_it_would_make() {
+        let (chain, sections) = arm();
+        let mut correction = crate::arm::ArmCorrection {
+            joints: vec![crate::arm::JointCorrection::default(); chain.joints.len()],
+            ..Default::default()
+        };
+        correction.joints[4].mass_kg = 0.05;
+        correction.joints[2].zero_rad = 0.002;
+        let mut numbers = vec![[0.0; GAUGE_NUMBERS]; 8];
+        numbers[5][5] = 300.0;
+        let deviation = Deviation {
+            chain: correction.apply(&chain),
+            flexibility_rad_per_nm: vec![0.0; 6],
+            gauges: numbers.clone(),
+        };
+        let model = ArmModel { flexibility_rad_per_nm: Vec::new(), deviations: vec![deviation] };
+        // With six gauges no weight matters: the same readings on the deviated arm move the wrench by one standard deviation.
+        let mut counts = readings(&gauges(), &pose(), &wrench());
+        counts[..2].fill(None);
+        let mut deviated = gauges();
+        deviated[5].compliance[5] += 300.0;
+        let mut plain = WrenchEstimator::new(&chain, &sections, gauges());
+        let mut other = WrenchEstimator::new(&correction.apply(&chain), &sections, deviated);
+        let mut unsure = WrenchEstimator::with_arm(&chain, &sections, gauges(), model);
+        let [sure, moved, unsure] =
+            [&mut plain, &mut other, &mut unsure].map(|e| e.estimate(&pose(), &counts).unwrap());
+        let shift = moved.wrench.to_vector() - sure.wrench.to_vector();
+        let added = unsure.covariance - sure.covariance;
+        assert!(shift.norm() > 0.02, "{shift}");
+        for k in 0..6 {
+            assert!((added[(k, k)].sqrt() / shift[k].abs() - 1.0).abs() < 0.01, "{k} {added} {shift}");
+        }
     }
 
     #[test]

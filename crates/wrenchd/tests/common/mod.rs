@@ -79,6 +79,7 @@ pub fn model(rig: &Rig, truth: &Truth) -> ModelFile {
             inputs: Vec::new(),
         },
         joints: joints.collect(),
+        arm: None,
         sensors: sensors.collect(),
         fingerprint: rig.fingerprint().clone(),
     }
