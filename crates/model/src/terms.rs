@@ -154,17 +154,26 @@ impl Conditioner {
     }
 
     /// Variance that the unknown past gives to the terms' sum, counts^2.
+    ///
+    /// Terms of one kind are driven by one past: what is unknown of them adds up with its sign.
     #[must_use]
     pub fn unsettled_counts2(&self) -> f64 {
-        let of = |(term, state): (&Term, &State)| {
-            let sigma = match term.effect {
-                Effect::Temperature { .. } if !state.started => term.start_sigma.max(UNKNOWN_TEMPERATURE_K),
-                _ if !state.started => term.start_sigma,
-                _ => term.start_sigma * state.unsettled,
+        let mut by_kind = [0.0; 3];
+        for (term, state) in self.terms.terms.iter().zip(&self.states) {
+            let left = if state.started { state.unsettled } else { 1.0 };
+            let (kind, sigma) = match term.effect {
+                Effect::Temperature { .. } if !state.started => {
+                    (0, term.start_sigma.max(UNKNOWN_TEMPERATURE_K))
+                }
+                Effect::Temperature { .. } => (0, term.start_sigma),
+                Effect::Creep { .. } => (1, term.start_sigma),
+                Effect::Hysteresis { .. } => (2, term.start_sigma),
+                // A power has no past; before the first reading there is nothing to correct.
+                Effect::Power { .. } => continue,
             };
-            (term.coefficient_counts * sigma).powi(2)
-        };
-        self.terms.terms.iter().zip(&self.states).map(of).sum()
+            by_kind[kind] += term.coefficient_counts * sigma * left;
+        }
+        by_kind.iter().map(|sum| sum * sum).sum()
     }
 }
 

@@ -284,6 +284,11 @@ impl MotionTracker {
         }
     }
 
+    /// Motion of every coordinate as last tracked.
+    pub fn motion(&self) -> &[JointMotion] {
+        &self.motion
+    }
+
     /// The wrench of the next snapshot.
     pub fn advance(&mut self, snapshot: &Snapshot, stage: &mut Stage) -> Estimate {
         match self.track(snapshot) {
