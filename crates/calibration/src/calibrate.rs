@@ -110,6 +110,7 @@ pub fn calibrate(
     if let Some(joint) = &joint {
         gauges.iter_mut().enumerate().for_each(|(k, gauge)| joint.apply(k, gauge));
     }
+    let arm = joint.as_ref().and_then(|joint| joint.arm(rig));
     let remedies = Remedies::new(rig);
     let sensors: Vec<Sensor> = gauges
         .iter()
@@ -121,7 +122,10 @@ pub fn calibrate(
                 reduce(&mut sensor, gauge, axes);
             }
             if let Some(joint) = &joint {
-                (sensor.centre_counts, sensor.scale_counts, sensor.terms) = joint.terms(k);
+                let deviations = arm.as_ref().map_or(&[][..], |arm| &arm.deviations);
+                let working = joint.working_covariance(k, deviations);
+                sensor.covariance = std::array::from_fn(|i| std::array::from_fn(|j| working[(i, j)]));
+                (sensor.centre_counts, sensor.scale_counts, sensor.terms) = joint.terms(k, &working);
             }
             sensor
         })
@@ -147,7 +151,7 @@ pub fn calibrate(
             inputs,
         },
         joints: dataset.encoders.clone(),
-        arm: joint.as_ref().and_then(|joint| joint.arm(rig)),
+        arm,
         sensors,
         fingerprint: rig.fingerprint().clone(),
     };

@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, DVector, SMatrix, SymmetricEigen, Vector6};
 use rig::Rig;
 use rig::model_file::{Arm, ArmDeviation, ArmJoint, MOST_DEVIATIONS, SensorTerm};
 
+use super::parameters::Group;
 use super::{COMPLIANCE, Joint, LENGTH_M};
 use crate::gauges::Gauge;
 use crate::noise::NoiseModel;
@@ -125,8 +126,12 @@ impl Joint {
         let (rows, n) = (&self.system.gauges[gauge], self.system.columns());
         let at = |k: usize, column: usize| rows.a[k * n + column];
         let own = DMatrix::from_fn(rows.z.len(), free.len(), |k, j| at(k, free[j]));
+        // Weights and reference are no part of the arm that is used later: their errors stay in the gauges.
+        let stays =
+            |index: usize| !matches!(self.parameters.list[index].group, Group::Weights | Group::Reference);
         let arm = DMatrix::from_fn(rows.z.len(), self.solution.arm_free.len(), |k, j| {
-            at(k, self.system.own + self.solution.arm_free[j])
+            let index = self.solution.arm_free[j];
+            if stays(index) { at(k, self.system.own + index) } else { 0.0 }
         });
         arm + own * response
     }
@@ -172,13 +177,29 @@ impl Joint {
         gauge.residual_rms_counts = self.residual_rms(index);
     }
 
+    /// Covariance of a gauge's stored numbers, all of the arm's uncertainty included.
     fn stored_covariance(&self, gauge: usize) -> DMatrix<f64> {
-        let (free, ..) = &self.solution.conditional[gauge];
-        let marginal = self.solution.marginal(gauge);
+        self.of_stored(gauge, &self.solution.marginal(gauge))
+    }
+
+    /// The covariance that the cycle weighs a gauge with: given the arm, and along the arm's deviations. Directions in which
+    /// arm and gauges move together without moving any prediction are no uncertainty of a gauge by itself.
+    pub fn working_covariance(&self, gauge: usize, deviations: &[ArmDeviation]) -> DMatrix<f64> {
+        let mut covariance = self.of_stored(gauge, &self.solution.conditional[gauge].1);
+        for deviation in deviations {
+            let part = DVector::from_column_slice(&deviation.gauges[gauge]);
+            covariance += &part * part.transpose();
+        }
+        covariance
+    }
+
+    /// A matrix over a gauge's free numbers as one over its stored ones.
+    fn of_stored(&self, gauge: usize, matrix: &DMatrix<f64>) -> DMatrix<f64> {
+        let free = &self.solution.conditional[gauge].0;
         let stored = self.stored(gauge);
         let place = |own: usize| free.iter().position(|f| *f == own);
         let value = |i: usize, k: usize| match (place(stored[i].0), place(stored[k].0)) {
-            (Some(a), Some(b)) => marginal[(a, b)] * stored[i].1 * stored[k].1,
+            (Some(a), Some(b)) => matrix[(a, b)] * stored[i].1 * stored[k].1,
             _ => 0.0,
         };
         let covariance = DMatrix::from_fn(stored.len(), stored.len(), value);
@@ -200,7 +221,7 @@ impl Joint {
     }
 
     /// Middle, scale and terms of a gauge as the model stores them.
-    pub fn terms(&self, gauge: usize) -> (f64, f64, Vec<SensorTerm>) {
+    pub fn terms(&self, gauge: usize, working: &DMatrix<f64>) -> (f64, f64, Vec<SensorTerm>) {
         let (effects, values, (centre, scale)) = &self.effects[gauge];
         let covariance = self.stored_covariance(gauge);
         let term = |(position, slot): (usize, usize)| {
@@ -210,7 +231,7 @@ impl Joint {
                 coefficient_counts: self.solution.own[gauge][COMPLIANCE + self.sessions + slot],
                 coefficient_sigma_counts: covariance[(row, row)].max(0.0).sqrt(),
                 start_sigma: values.start_sigma[slot],
-                covariance: (0..=row).map(|k| covariance[(row, k)]).collect(),
+                covariance: (0..=row).map(|k| working[(row, k)]).collect(),
             }
         };
         let terms: Vec<SensorTerm> = self.terms_of(gauge).enumerate().map(term).collect();

@@ -146,7 +146,8 @@ pub struct Sensor {
     /// Length that compares N with Nm in the crosstalk, m.
     pub crosstalk_length_m: f64,
     /// Covariance of fx fy fz (counts/N), tx ty tz (counts/Nm) and bias (counts), in that order; where something is
-    /// unobservable, with the width that is assumed there.
+    /// unobservable, with the width that is assumed there; where the arm was calibrated too, without directions in which arm
+    /// and gauges move together and no prediction moves.
     pub covariance: [[f64; 7]; 7],
     /// What the estimator uses where something is unobservable: `compliance` with the unseen directions at zero.
     #[serde(skip_serializing_if = "Option::is_none")]
