@@ -52,7 +52,7 @@ pub fn loads(rig: &Rig, parameters: &Parameters, rows: &[Row], values: &[f64]) -
 /// Derivative of each gauge's prediction (counts) by each number: `[parameter][row][gauge]`, for scaled compliances (counts/N).
 ///
 /// Central differences over the prior's width: the loads are polynomials of sines, so the error is of the order of the
-/// width's square and below a thousandth; a test holds it against analytic derivatives.
+/// width's square.
 pub fn by_parameters(
     rig: &Rig,
     parameters: &Parameters,
