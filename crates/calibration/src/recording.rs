@@ -3,6 +3,7 @@
 use can::assembly::{Assembler, AssemblyCounts, Snapshot};
 use can::candump::{Interfaces, LogEvent, LogReader};
 use can::frame::Stamped;
+use model::motion::{RoundClock, Sampled};
 use rig::run::{Exclude, Loads, Reference};
 use rig::{Rig, Run};
 
@@ -19,6 +20,8 @@ pub struct Recording {
     pub start_ns: i64,
     /// Instants, strictly rising, ns since the Unix epoch.
     pub at_ns: Vec<i64>,
+    /// The same by the boards' own time, which does not follow the stamps' scatter.
+    pub sampled: Vec<Sampled>,
     /// Position of each coordinate at each instant: `[coordinate][instant]`, rad.
     pub positions_rad: Vec<Vec<f64>>,
     /// Velocity of each coordinate where it is measured: `[coordinate][instant]`, rad/s; empty where it never is.
@@ -146,6 +149,7 @@ pub fn for_each_frame(run: &Run, mut take: impl FnMut(&Stamped, u64)) -> Result<
 struct Builder {
     assembler: Assembler,
     recording: Recording,
+    clock: RoundClock,
     started: bool,
 }
 
@@ -157,6 +161,7 @@ impl Builder {
             session,
             start_ns: 0,
             at_ns: Vec::new(),
+            sampled: Vec::new(),
             positions_rad: vec![Vec::new(); coordinates],
             velocities_rad_s: vec![Vec::new(); coordinates],
             counts: vec![Vec::new(); gauges],
@@ -166,7 +171,12 @@ impl Builder {
             reference: None,
             met: AssemblyCounts::default(),
         };
-        Ok(Self { assembler: Assembler::new(&rig.layout)?, recording, started: false })
+        Ok(Self {
+            assembler: Assembler::new(&rig.layout)?,
+            recording,
+            clock: RoundClock::default(),
+            started: false,
+        })
     }
 
     fn push(&mut self, frame: &Stamped) {
@@ -175,7 +185,8 @@ impl Builder {
             self.started = true;
         }
         for snapshot in self.assembler.push(frame) {
-            append(&mut self.recording, snapshot);
+            let sampled = self.clock.observe(snapshot.instant_ns, snapshot.cycles);
+            append(&mut self.recording, snapshot, sampled);
         }
     }
 
@@ -200,12 +211,13 @@ impl Builder {
 }
 
 /// Adds a snapshot in which every joint was read at its own instant; others are no use for calibration.
-fn append(recording: &mut Recording, snapshot: &Snapshot) {
+fn append(recording: &mut Recording, snapshot: &Snapshot, sampled: Sampled) {
     let rising = recording.at_ns.last().is_none_or(|last| snapshot.instant_ns > *last);
     if !rising || snapshot.joints.iter().any(|joint| joint.position.is_err()) {
         return;
     }
     recording.at_ns.push(snapshot.instant_ns);
+    recording.sampled.push(sampled);
     for (joint, column) in snapshot.joints.iter().zip(&mut recording.positions_rad) {
         column.extend(joint.position.iter().map(|reading| reading.value));
     }

@@ -248,7 +248,7 @@ impl MotionTracker {
     /// Takes in a snapshot's joints; every coordinate's motion at its instant, with what to flag, or the first coordinate
     /// that is not known.
     pub fn track(&mut self, snapshot: &Snapshot) -> Result<(&[JointMotion], Status), usize> {
-        let round = self.clock.observe(snapshot.instant_ns);
+        let round = self.clock.observe(snapshot.instant_ns, snapshot.cycles);
         let mut status = Status::GOOD;
         let mut unknown = None;
         // Every filter is fed, whatever the others lack: a joint that comes back must find its neighbours warm.
@@ -256,8 +256,10 @@ impl MotionTracker {
             let joint = &snapshot.joints[k];
             let known = match joint.position {
                 Ok(position) => {
+                    // A delay of its own counts from its own stamp, with that stamp's scatter.
+                    let jitter_s = if position.age_ns == 0 { 0.0 } else { round.scatter_s };
                     let at_ns = round.at_ns - position.age_ns;
-                    filter.measure(Sampled { at_ns, ..round }, position.value);
+                    filter.measure(Sampled { at_ns, ..round }, jitter_s, position.value);
                     if let Ok(velocity) = joint.velocity
                         && velocity.at_ns == position.at_ns
                         && self.velocity_sigmas[k].is_finite()
@@ -273,7 +275,7 @@ impl MotionTracker {
                 }
                 Err(_) => false,
             };
-            match filter.motion(round.at_ns).filter(|_| known) {
+            match filter.motion(round).filter(|_| known) {
                 Some(motion) => self.motion[k] = motion,
                 None => unknown = unknown.or(Some(k)),
             }

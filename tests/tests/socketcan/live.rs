@@ -74,8 +74,7 @@ impl Live {
         &'a self,
         offline: &'a [Published],
     ) -> Check<Vec<(&'a Published, &'a Published)>> {
-        let first_ns = self.recorded.first().map_or(0, |line| line.stamp_ns);
-        let pairs = pair(&self.published, offline, first_ns)?;
+        let pairs = pair(&self.published, offline, &self.recorded)?;
         ensure_equal(&pairs)?;
         Ok(pairs)
     }

@@ -23,12 +23,19 @@ impl Assembler {
         for value in &self.pending {
             if let Role::Sequence(number) = self.compiled.roles[usize::from(value.slot)] {
                 counted = true;
-                match self.sequences[usize::from(number)].observe(value.raw) {
+                let step = self.sequences[usize::from(number)].observe(value.raw);
+                if self.compiled.counts_cycles[usize::from(number)] {
+                    self.cycles.observe(usize::from(number), step);
+                }
+                match step {
                     Step::Repeated => repeated = true,
                     Step::Behind => behind = true,
                     Step::First | Step::Next | Step::Gap(_) | Step::Jump => {}
                 }
             }
+        }
+        if repeated || behind {
+            self.cycles.dismiss();
         }
         if repeated {
             self.counts.repeated += 1;
@@ -76,6 +83,7 @@ impl Assembler {
         }
         self.latest_ns = Some(stamp_ns);
         self.rhythm.lose_origin();
+        self.cycles.forget();
         for previous in &mut self.previous {
             previous.stamp_ns = None;
         }

@@ -14,10 +14,12 @@ impl Assembler {
         self.open = false;
         self.counts.rounds += 1;
         let cut = std::mem::take(&mut self.discard) || self.rhythm.looks_cut();
+        let handed_on = !cut && self.ready < self.out.len();
+        let cycles = self.cycles.close(handed_on);
         if cut {
             self.counts.discarded_rounds += 1;
-        } else if self.ready < self.out.len() {
-            self.fill(self.ready, instant_ns);
+        } else if handed_on {
+            self.fill(self.ready, instant_ns, cycles);
             self.counts.complete_rounds += u64::from(self.out[self.ready].complete);
             self.ready += 1;
         }
@@ -25,8 +27,8 @@ impl Assembler {
         for stream in &mut self.streams {
             self.counts.missed += u64::from(stream.end_round(self.round));
         }
-        if self.rhythm.fresh || self.round.is_multiple_of(16) {
-            self.discard |= self.rhythm.realign(&mut self.streams);
+        if self.rhythm.looks(self.round) {
+            self.realign();
         }
     }
 
@@ -64,11 +66,12 @@ impl Assembler {
         }
     }
 
-    fn fill(&mut self, index: usize, instant_ns: i64) {
+    fn fill(&mut self, index: usize, instant_ns: i64, cycles: Option<u32>) {
         let mut out = std::mem::replace(&mut self.out[index], super::Snapshot::empty(0, 0));
         out.instant_ns = instant_ns;
         out.last_stamp_ns = self.last_stamp_ns;
         out.round = self.round;
+        out.cycles = cycles;
         out.complete = true;
         for (number, gauge) in self.compiled.gauges.iter().enumerate() {
             let signal = self.gauge(gauge, instant_ns);

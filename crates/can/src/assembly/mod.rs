@@ -6,6 +6,7 @@
 
 mod accept;
 mod close;
+mod cycles;
 mod layout;
 mod rounds;
 mod snapshot;
@@ -16,6 +17,7 @@ use crate::decode::{DecodeTable, Outcome, Value};
 use crate::error::Result;
 use crate::frame::{MAX_LEN, Stamped};
 use crate::sequence::{Sequence, SequenceCounts};
+use cycles::{Cycles, Place};
 use layout::{Compiled, GaugeSlots, Role};
 pub use layout::{GaugeBinding, JointBinding, Layout, SignalBinding};
 use rounds::{Rhythm, Stream};
@@ -75,6 +77,7 @@ pub struct Assembler {
     stale_after_ns: i64,
     temperature_stale_after_ns: i64,
     sequences: Vec<Sequence>,
+    cycles: Cycles,
     streams: Vec<Stream>,
     previous: Vec<Previous>,
     held: Vec<Held>,
@@ -101,6 +104,7 @@ impl Assembler {
             stale_after_ns: layout.stale_after_ns,
             temperature_stale_after_ns: layout.temperature_stale_after_ns,
             sequences: compiled.sequence_bits.iter().map(|&bits| Sequence::new(bits)).collect(),
+            cycles: Cycles::new(compiled.sequence_bits.len()),
             streams: vec![Stream::new(); compiled.stream_messages.len()],
             previous: vec![Previous { stamp_ns: None, data: [0; MAX_LEN] }; compiled.table.messages().len()],
             held: vec![Held::default(); compiled.roles.len()],
@@ -180,26 +184,28 @@ impl Assembler {
             }
         }
         let Some(first) = first else {
+            self.cycles.settle(false);
             self.commit(stamp_ns);
             return;
         };
+        self.rhythm.observe_pause(&mut self.streams[first], self.round, stamp_ns);
         let round = if self.open && !again { self.round } else { self.round + 1 };
         self.rhythm.observe_interval(&self.streams[first], round, stamp_ns);
         if !self.open && self.rhythm.fresh {
-            self.discard |= self.rhythm.realign(&mut self.streams);
+            self.realign();
         }
-        let ahead = self.rhythm.cycles_ahead(&self.streams[first], stamp_ns);
         let ended = if self.open { self.round.saturating_sub(1) } else { self.round };
-        let behind = ahead.map_or(0, |ahead| if self.open { -ahead } else { 1 - ahead });
-        if behind > 0 && ended > 0 && self.streams[first].last_round.is_none_or(|last| last < ended) {
-            self.take_after_round(ended, behind == 1, stamp_ns);
+        let missed = self.streams[first].last_round.is_none_or(|last| last < ended);
+        if let Some(last) = self.belongs_to_an_ended_round(first, stamp_ns).filter(|_| ended > 0 && missed) {
+            self.take_after_round(ended, last, stamp_ns);
             return;
         }
-        let next = ahead.is_some_and(|ahead| ahead > 0)
-            && !self.rhythm.paused(&self.streams[first], &self.streams, stamp_ns);
-        if self.open && (again || next) {
-            self.rhythm.ended(!again, &mut self.streams);
+        let later = self.open && (again || self.belongs_to_a_later_round(first, stamp_ns));
+        if later {
+            self.rhythm.ended(!again && !self.cycles.count(), &mut self.streams);
             self.close();
+        } else if self.open && self.cycles.place() == Some(Place::Later) {
+            self.rhythm.leave_out_what_came_before_the_pause(&mut self.streams, self.round);
         }
         if !self.open {
             self.open = true;
@@ -214,6 +220,7 @@ impl Assembler {
             self.rhythm.join(stream, stamp_ns);
         }
         self.last_stamp_ns = self.last_stamp_ns.max(stamp_ns);
+        self.cycles.settle(true);
         self.commit(stamp_ns);
         if self.every_due_arrived() {
             self.rhythm.ended(false, &mut self.streams);
@@ -221,9 +228,48 @@ impl Assembler {
         }
     }
 
+    /// Lets rounds begin elsewhere in the boards' cycle if they must: then counters were compared across cycles
+    fn realign(&mut self) {
+        if self.rhythm.realign(&mut self.streams, self.round) {
+            self.discard = true;
+            self.cycles.forget();
+        }
+    }
+
+    /// Whether the frame at hand comes after its round has ended, by its counter or else by its place in the boards' rhythm; and if so,
+    /// whether that round is the last
+    fn belongs_to_an_ended_round(&self, first: usize, stamp_ns: i64) -> Option<bool> {
+        let stream = &self.streams[first];
+        let by_rhythm = || Some(-self.rhythm.cycles_ahead(stream, stamp_ns)? - i64::from(self.open));
+        let before_last = match self.cycles.place() {
+            // A counter may lag because its message does not come in every cycle.
+            Some(Place::Ended(before_last)) if stream.in_every_round() || by_rhythm()? >= 0 => before_last,
+            Some(_) => return None,
+            None => by_rhythm()?,
+        };
+        (before_last >= 0).then_some(before_last == 0)
+    }
+
+    /// Whether the frame at hand belongs to a later round than the open one, by its counter or else by the boards' rhythm
+    fn belongs_to_a_later_round(&self, first: usize, stamp_ns: i64) -> bool {
+        let stream = &self.streams[first];
+        match self.cycles.place() {
+            // What came just before is of the same round; nobody counted that a whole one is missing.
+            Some(Place::Later) => self.cycles.any_here() || self.rhythm.long_since(stamp_ns),
+            Some(_) => false,
+            // The next counter will tell whether the boards or the sender paused.
+            None if self.cycles.count() => self.rhythm.begins_anew(stream, &self.streams, stamp_ns),
+            None => {
+                let ahead = self.rhythm.cycles_ahead(stream, stamp_ns).is_some_and(|ahead| ahead > 0);
+                ahead && !self.rhythm.paused(stream, &self.streams, stamp_ns)
+            }
+        }
+    }
+
     /// A frame whose round has ended: its values are held as of that round if it was the last, else forgotten
     fn take_after_round(&mut self, ended: u64, last: bool, stamp_ns: i64) {
         self.counts.after_round += 1;
+        self.cycles.settle(false);
         if last {
             self.commit(stamp_ns);
         }

@@ -9,6 +9,14 @@ const MAX_MISSED: u8 = 3;
 /// After so many contradictions in a row a learned phase is given up: boards whose clocks drift past each other
 const MAX_IN_A_ROW: u8 = 3;
 
+/// After so long with nothing but frames at less than half or more than twice the period it is another one, ns
+const MAX_UNTYPICAL_NS: i64 = 1_000_000_000;
+
+/// After so many looks in a row at which rounds seemed to begin in the wrong place they begin elsewhere
+const MAX_UNFIT: u8 = 3;
+/// So many rounds at the beginning are looked at more often, and once is enough
+const EARLY_ROUNDS: u64 = 32;
+
 /// Arrivals of one message (of one multiplexer page of it)
 #[derive(Clone, Debug)]
 pub(super) struct Stream {
@@ -31,6 +39,8 @@ pub(super) struct Stream {
     stamp_ns: Option<i64>,
     /// Usual stamp minus its round's origin
     phase_ns: Option<i64>,
+    /// Usual pause of the bus before it, logarithm of ns
+    pause_ln: Option<f64>,
     /// Arrivals in a row that by the phase were for a round that had ended
     behind: u8,
 }
@@ -50,6 +60,7 @@ impl Stream {
             hit: false,
             stamp_ns: None,
             phase_ns: None,
+            pause_ln: None,
             behind: 0,
         }
     }
@@ -63,6 +74,11 @@ impl Stream {
     /// Whether its last reading is not older than its usual gap
     pub(super) fn holds(&self, round: u64) -> bool {
         self.last_round.is_some_and(|last| round.saturating_sub(last) < self.usual)
+    }
+
+    /// Whether it has come in every round for some time
+    pub(super) fn in_every_round(&self) -> bool {
+        self.gaps.iter().all(|gap| *gap == 1)
     }
 
     /// Its frame came again without news; a duplicate of this round's is none of its business
@@ -136,6 +152,12 @@ impl Stream {
 pub(super) struct Rhythm {
     period_ns: Option<f64>,
     jitter_ns: f64,
+    /// Since when frames come much sooner or later than a period after the one before
+    untypical_since_ns: Option<i64>,
+    /// Whether the open round began about a period after the last
+    in_time: bool,
+    /// Latest stamp of any message that is waited for
+    last_any_ns: Option<i64>,
     /// Start of the round that is open, else of the last one
     origin_ns: Option<i64>,
     /// A period became known and the phases were not looked at since
@@ -143,7 +165,11 @@ pub(super) struct Rhythm {
     first_ns: i64,
     last_ns: i64,
     largest_gap_ns: i64,
+    /// Stamp of the open round's first frame after its last long pause
+    resumed_ns: Option<i64>,
     frames: u32,
+    /// Times in a row that rounds seemed to begin in the wrong place
+    unfit: u8,
     /// Rounds in a row that only the rhythm ended
     cuts: u8,
 }
@@ -152,6 +178,7 @@ impl Rhythm {
     /// Forgets where in the cycle we are, keeps what was learned
     pub(super) fn lose_origin(&mut self) {
         self.origin_ns = None;
+        self.last_any_ns = None;
     }
 
     /// A quarter of the period, or 1 ms while it is unknown: identical frames closer than this are duplicates
@@ -171,7 +198,18 @@ impl Rhythm {
             return;
         }
         match &mut self.period_ns {
-            Some(period) => *period += (interval.clamp(*period / 2.0, *period * 2.0) - *period) / 16.0,
+            Some(period) if (*period / 2.0..*period * 2.0).contains(&interval) => {
+                self.untypical_since_ns = None;
+                *period += (interval - *period) / 16.0;
+            }
+            // A pause or the burst after it says nothing about the boards, unless it never ends.
+            Some(period) => {
+                let since_ns = *self.untypical_since_ns.get_or_insert(stamp_ns);
+                if stamp_ns - since_ns > MAX_UNTYPICAL_NS {
+                    self.untypical_since_ns = None;
+                    *period = interval;
+                }
+            }
             None => {
                 self.period_ns = Some(interval);
                 self.fresh = true;
@@ -201,6 +239,33 @@ impl Rhythm {
         follows && (cycles - cycles.round()).abs() > 0.125
     }
 
+    /// Whether more than a quarter of a cycle passed since the open round's last frame; also while no period is known
+    pub(super) fn long_since(&self, stamp_ns: i64) -> bool {
+        self.period_ns.is_none_or(|period| (stamp_ns - self.last_ns) as f64 > period / 4.0)
+    }
+
+    /// Whether a frame that usually comes before one of the open round's begins the next: it comes long after them, or in a burst, in
+    /// which only the order tells
+    pub(super) fn begins_anew(&self, stream: &Stream, streams: &[Stream], stamp_ns: i64) -> bool {
+        let before =
+            |other: &Stream| stream.phase_ns.zip(other.phase_ns).is_some_and(|(own, other)| own < other);
+        self.period_ns.is_some()
+            && (self.long_since(stamp_ns) || self.resumed_ns.is_some() || !self.in_time)
+            && streams.iter().any(|other| other.arrived && before(other))
+    }
+
+    /// The counters say that a cycle is missing: so what came before the open round's pause was of that cycle, and the rest of it
+    /// is lost
+    pub(super) fn leave_out_what_came_before_the_pause(&self, streams: &mut [Stream], round: u64) {
+        let Some(resumed) = self.resumed_ns else { return };
+        for stream in streams.iter_mut().filter(|stream| stream.arrived) {
+            if stream.stamp_ns.is_some_and(|stamp| stamp < resumed) {
+                stream.arrived = false;
+                stream.last_round = round.checked_sub(1);
+            }
+        }
+    }
+
     /// The round was ended by the rhythm alone, or not; always means that the phases are wrong
     pub(super) fn ended(&mut self, by_rhythm: bool, streams: &mut [Stream]) {
         self.cuts = if by_rhythm { self.cuts + 1 } else { 0 };
@@ -213,16 +278,24 @@ impl Rhythm {
 
     /// A round begins with this frame
     pub(super) fn open(&mut self, stream: &Stream, stamp_ns: i64) {
-        self.origin_ns = Some(stamp_ns - stream.phase_ns.unwrap_or(0));
+        let origin = stamp_ns - stream.phase_ns.unwrap_or(0);
+        let since = self.origin_ns.map(|before| (origin - before) as f64);
+        self.in_time =
+            since.zip(self.period_ns).is_none_or(|(since, period)| 4.0 * (since - period).abs() < period);
+        self.origin_ns = Some(origin);
         self.first_ns = stamp_ns;
         self.last_ns = stamp_ns;
         self.largest_gap_ns = 0;
+        self.resumed_ns = None;
         self.frames = 0;
     }
 
     /// A frame takes its place in the open round
     pub(super) fn join(&mut self, stream: &mut Stream, stamp_ns: i64) {
         self.frames += 1;
+        if self.period_ns.is_some() && self.long_since(stamp_ns) {
+            self.resumed_ns = Some(stamp_ns);
+        }
         self.largest_gap_ns = self.largest_gap_ns.max(stamp_ns - self.last_ns);
         self.last_ns = self.last_ns.max(stamp_ns);
         stream.behind = 0;
@@ -230,11 +303,12 @@ impl Rhythm {
         let place = stamp_ns - origin;
         match &mut stream.phase_ns {
             None => stream.phase_ns = Some(place),
-            Some(phase) if self.frames > 1 => {
-                let error = (place - *phase) as f64;
+            // A pause of the sender, or the burst after it, says nothing about where frames usually are.
+            Some(phase) if self.frames > 1 && self.in_time && self.resumed_ns.is_none() => {
+                let bound = 3.0 * self.jitter_ns + self.period_ns.map_or(f64::MAX, |period| period / 100.0);
+                let error = ((place - *phase) as f64).clamp(-bound, bound);
                 *phase += (error / 16.0) as i64;
-                let bound = self.period_ns.unwrap_or(f64::MAX);
-                self.jitter_ns += (error.abs().min(bound) - self.jitter_ns) / 16.0;
+                self.jitter_ns += (error.abs() - self.jitter_ns) / 16.0;
             }
             Some(_) => {}
         }
@@ -246,26 +320,52 @@ impl Rhythm {
         self.period_ns.is_none() && self.frames >= 3 && 5 * self.largest_gap_ns > 3 * span
     }
 
-    /// Lets rounds begin after the longest pause of the cycle; true if they did not before
-    pub(super) fn realign(&mut self, streams: &mut [Stream]) -> bool {
-        self.fresh = false;
-        let Some(period) = self.period_if_steady() else { return false };
-        let period = (period as i64).max(1);
-        let pause_after = |phase: i64| {
-            let others = streams.iter().filter_map(|s| s.phase_ns).filter(|&other| other != phase);
-            others.map(|other| (other - phase).rem_euclid(period)).min().unwrap_or(period)
-        };
-        let phases = || streams.iter().filter_map(|s| s.phase_ns);
-        let Some(last) = phases().max() else { return false };
-        let Some(before) = phases().max_by_key(|&phase| pause_after(phase)) else { return false };
-        if 2 * pause_after(before) <= 3 * pause_after(last) {
+    /// Whether it is time to look where rounds begin
+    pub(super) fn looks(&self, round: u64) -> bool {
+        self.fresh || round.is_multiple_of(if round <= EARLY_ROUNDS { 4 } else { 16 })
+    }
+
+    /// Learns how long the bus usually pauses before a message, whatever rounds are made of it: a median in steps, which neither
+    /// a host that stops nor the burst after it moves far
+    pub(super) fn observe_pause(&mut self, stream: &mut Stream, round: u64, stamp_ns: i64) {
+        /// Of the logarithm: quick at first, then slowly.
+        const STEPS: (f64, f64) = (0.25, 0.05);
+        if let Some(last_ns) = self.last_any_ns {
+            let pause = (((stamp_ns - last_ns) as f64).max(1e3)).ln();
+            stream.pause_ln = Some(match stream.pause_ln {
+                Some(usual) => {
+                    let step = if round <= EARLY_ROUNDS { STEPS.0 } else { STEPS.1 };
+                    usual + (pause - usual).clamp(-step, step)
+                }
+                None => pause,
+            });
+        }
+        self.last_any_ns = Some(self.last_any_ns.map_or(stamp_ns, |last| last.max(stamp_ns)));
+    }
+
+    /// Lets rounds begin with the message before which the bus pauses longest; true if they did not before
+    pub(super) fn realign(&mut self, streams: &mut [Stream], round: u64) -> bool {
+        let fresh = std::mem::take(&mut self.fresh);
+        let Some(period) = self.period_ns else { return false };
+        let pauses = |number: usize| streams[number].pause_ln.unwrap_or(f64::NEG_INFINITY);
+        let numbers = || 0..streams.len();
+        let Some(longest) = numbers().max_by(|&a, &b| pauses(a).total_cmp(&pauses(b))) else { return false };
+        let known = numbers().filter(|&number| streams[number].phase_ns.is_some());
+        let Some(first) = known.min_by_key(|&number| streams[number].phase_ns) else { return false };
+        // A cycle that is full of frames has no pause: then it may begin anywhere, as long as it stays there.
+        let fits = longest == first
+            || pauses(longest) < (period / 4.0).ln()
+            || pauses(longest) < pauses(first) + 3f64.ln();
+        self.unfit = if fits { 0 } else { self.unfit + 1 };
+        // At the beginning at once; later the sender's pauses may make it seem so for a while.
+        if fits || !fresh && round > EARLY_ROUNDS && self.unfit < MAX_UNFIT {
             return false;
         }
-        let start = before + pause_after(before);
-        for phase in streams.iter_mut().filter_map(|s| s.phase_ns.as_mut()) {
-            *phase = (*phase - start).rem_euclid(period);
+        self.unfit = 0;
+        self.origin_ns = None;
+        for (number, stream) in streams.iter_mut().enumerate() {
+            stream.phase_ns = (number == longest).then_some(0);
         }
-        self.origin_ns = self.origin_ns.map(|origin| origin + start);
         true
     }
 }

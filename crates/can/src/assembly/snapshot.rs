@@ -68,6 +68,8 @@ pub struct Snapshot {
     pub last_stamp_ns: i64,
     /// Number of the round since the start
     pub round: u64,
+    /// Cycles of the boards since the round before, where their counters say so
+    pub cycles: Option<u32>,
     /// Every configured gauge's counts, in the layout's order
     pub gauges: Vec<Signal>,
     /// Every configured gauge's temperature in degC, in the layout's order
@@ -86,6 +88,7 @@ impl Snapshot {
             instant_ns: 0,
             last_stamp_ns: 0,
             round: 0,
+            cycles: None,
             gauges: vec![absent; gauges],
             temperatures: vec![Err(Absence::NotConfigured); gauges],
             joints: vec![JointReading { position: absent, velocity: Err(Absence::NotConfigured) }; joints],

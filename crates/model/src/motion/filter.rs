@@ -1,6 +1,8 @@
 //! The causal filter of one joint, for the cycle: bounded work, no allocation.
 
-use super::kalman::{State, UNIT_S, inner_density, mixture, transition, unit_process};
+use super::kalman::{
+    State, UNIT_S, inner_density, inner_step, inner_variance, mixture, transition, unit_process,
+};
 use super::{DWELL_S, JointMotion, REST_S, SNAP_DENSITIES, Sampled};
 
 /// At rest, and moving with each strength of snap.
@@ -19,7 +21,7 @@ pub struct MotionFilter {
     states: [State; MODELS],
     weights: [f64; MODELS],
     encoder_variance_rad2: f64,
-    at_ns: Option<i64>,
+    last: Option<Sampled>,
     /// Readings since the start, up to [`NEEDED`].
     readings: u8,
 }
@@ -32,25 +34,27 @@ impl MotionFilter {
             states: [State::from_position(0.0, variance); MODELS],
             weights: [1.0 / MODELS as f64; MODELS],
             encoder_variance_rad2: variance,
-            at_ns: None,
+            last: None,
             readings: 0,
         }
     }
 
-    /// Takes in a sampled position; one that is not newer than the last is ignored.
-    pub fn measure(&mut self, sampled: Sampled, position_rad: f64) {
-        let Sampled { at_ns, sigma_s } = sampled;
-        match self.at_ns {
-            Some(last) if at_ns <= last && last - at_ns < FORGET_NS => return,
-            Some(last) if at_ns > last && at_ns - last < FORGET_NS => self.advance(at_ns - last),
+    /// Takes in a position sampled at a time that may itself be uncertain by `jitter_s` against the round's; one that is not newer than
+    /// the last is ignored.
+    pub fn measure(&mut self, at: Sampled, jitter_s: f64, position_rad: f64) {
+        match self.last {
+            Some(last) if at.at_ns <= last.at_ns && last.at_ns - at.at_ns < FORGET_NS => return,
+            Some(last) if at.at_ns > last.at_ns && at.at_ns - last.at_ns < FORGET_NS => {
+                self.advance(&last, &at)
+            }
             // The first reading, a long silence, or a clock that was set back: start anew.
             _ => self.restart(position_rad),
         }
-        self.at_ns = Some(at_ns);
+        self.last = Some(at);
         self.readings = (self.readings + 1).min(NEEDED);
         let mut fit = [0.0; MODELS];
         for (state, fit) in self.states.iter_mut().zip(&mut fit) {
-            *fit = state.measure_position(position_rad, self.encoder_variance_rad2, sigma_s);
+            *fit = state.measure_position(position_rad, self.encoder_variance_rad2, jitter_s);
         }
         self.reweigh(&fit);
     }
@@ -65,17 +69,17 @@ impl MotionFilter {
         self.reweigh(&fit);
     }
 
-    /// Motion at `at_ns`, carried on from the last reading; `None` while there are too few to know it.
-    pub fn motion(&self, at_ns: i64) -> Option<JointMotion> {
-        let last = self.at_ns.filter(|_| self.readings == NEEDED)?;
+    /// Motion at another time, carried on (or back) from the last reading; `None` while there are too few to know it.
+    pub fn motion(&self, at: Sampled) -> Option<JointMotion> {
+        let last = self.last.filter(|_| self.readings == NEEDED)?;
         let state = mixture(&self.states, &self.weights);
-        if at_ns <= last {
+        if at.at_ns == last.at_ns {
             return Some(state.motion());
         }
-        let step = (at_ns - last) as f64 * 1e-9 / UNIT_S;
+        let step = inner_step(&last, &at);
         let density: f64 = self.weights[1..].iter().zip(&SNAP_DENSITIES).map(|(w, s)| w * s).sum();
-        let process = unit_process(step) * inner_density(density);
-        Some(state.predicted(&transition(step), &process).motion())
+        let process = unit_process(step.abs()) * inner_density(density);
+        Some(state.predicted(&transition(step), &process).smeared(inner_variance(&last, &at)).motion())
     }
 
     fn restart(&mut self, position_rad: f64) {
@@ -84,11 +88,11 @@ impl MotionFilter {
         self.readings = 0;
     }
 
-    /// Mixes the filters by the chance that what the joint does has changed, then predicts each over `step_ns`.
-    fn advance(&mut self, step_ns: i64) {
-        let step_s = step_ns as f64 * 1e-9;
-        let chances = chances(step_s);
-        let step = step_s / UNIT_S;
+    /// Mixes the filters by the chance that what the joint does has changed, then predicts each over the step.
+    fn advance(&mut self, last: &Sampled, at: &Sampled) {
+        let step = inner_step(last, at);
+        let variance = inner_variance(last, at);
+        let chances = chances(step * UNIT_S);
         let (transition, process) = (transition(step), unit_process(step));
         let before = self.states;
         let mut expected = [0.0; MODELS];
@@ -102,7 +106,10 @@ impl MotionFilter {
             let mixed = mixture(&before, &share);
             self.states[k] = match k.checked_sub(1) {
                 None => mixed.resting(step),
-                Some(k) => mixed.predicted(&transition, &(process * inner_density(SNAP_DENSITIES[k]))),
+                Some(k) => {
+                    let process = process * inner_density(SNAP_DENSITIES[k]);
+                    mixed.predicted(&transition, &process).smeared(variance)
+                }
             };
         }
         self.weights = expected;
@@ -161,7 +168,7 @@ mod tests {
     }
 
     fn exactly(at_ns: i64) -> Sampled {
-        Sampled { at_ns, sigma_s: 0.0 }
+        Sampled { at_ns, ..Sampled::default() }
     }
 
     #[test]
@@ -171,9 +178,9 @@ mod tests {
         let (mut error2, mut normalised, mut n) = (0.0, 0.0, 0.0);
         for k in 0..4000i64 {
             let (t, w) = (k as f64 * 0.008, 9.0);
-            filter.measure(exactly(k * 8_000_000), 0.2 * (w * t).sin() + sigma * noise.next());
+            filter.measure(exactly(k * 8_000_000), 0.0, 0.2 * (w * t).sin() + sigma * noise.next());
             if k > 200 {
-                let m = filter.motion(k * 8_000_000).unwrap();
+                let m = filter.motion(exactly(k * 8_000_000)).unwrap();
                 let e = m.acceleration_rad_s2 + 0.2 * w * w * (w * t).sin();
                 error2 += e * e;
                 normalised += e * e / m.covariance[(2, 2)];
@@ -190,45 +197,45 @@ mod tests {
         let (sigma, mut noise) = (20e-6, Noise(9));
         let mut filter = MotionFilter::new(sigma);
         for k in 0..1000i64 {
-            filter.measure(exactly(k * 8_000_000), 1.0 + sigma * noise.next());
+            filter.measure(exactly(k * 8_000_000), 0.0, 1.0 + sigma * noise.next());
         }
-        let m = filter.motion(999 * 8_000_000).unwrap();
+        let m = filter.motion(exactly(999 * 8_000_000)).unwrap();
         assert!(m.acceleration_rad_s2.abs() < 0.02 && m.covariance[(2, 2)].sqrt() < 0.02, "{m:?}");
     }
 
     #[test]
     fn starts_anew_after_silence_and_when_the_clock_is_set_back() {
         let mut filter = MotionFilter::new(1e-5);
-        assert!(filter.motion(0).is_none());
+        assert!(filter.motion(exactly(0)).is_none());
         let settle = |filter: &mut MotionFilter, from_ns: i64, at_rad: f64| {
             for k in 0..i64::from(NEEDED) {
                 let now = from_ns + k * 8_000_000;
-                assert!(filter.motion(now).is_none(), "too few readings");
-                filter.measure(exactly(now), at_rad);
-                filter.measure(exactly(now - 4_000_000), 5.0); // older than the last: ignored
+                assert!(filter.motion(exactly(now)).is_none(), "too few readings");
+                filter.measure(exactly(now), 0.0, at_rad);
+                filter.measure(exactly(now - 4_000_000), 0.0, 5.0); // older than the last: ignored
             }
             let now = from_ns + i64::from(NEEDED - 1) * 8_000_000;
-            assert!((filter.motion(now).unwrap().position_rad - at_rad).abs() < 1e-4);
+            assert!((filter.motion(exactly(now)).unwrap().position_rad - at_rad).abs() < 1e-4);
         };
         settle(&mut filter, 0, 1.0);
         // The first reading after silence starts anew; that it came is not known before it is measured.
-        filter.measure(exactly(2_000_000_000), -3.0);
-        filter.measure(exactly(-9_000_000_000), 2.0);
-        assert!(filter.motion(-9_000_000_000).is_none());
+        filter.measure(exactly(2_000_000_000), 0.0, -3.0);
+        filter.measure(exactly(-9_000_000_000), 0.0, 2.0);
+        assert!(filter.motion(exactly(-9_000_000_000)).is_none());
         for k in 1..i64::from(NEEDED) {
-            filter.measure(exactly(-9_000_000_000 + k * 8_000_000), 2.0);
+            filter.measure(exactly(-9_000_000_000 + k * 8_000_000), 0.0, 2.0);
         }
-        assert!((filter.motion(-8_968_000_000).unwrap().position_rad - 2.0).abs() < 1e-4);
+        assert!((filter.motion(exactly(-8_968_000_000)).unwrap().position_rad - 2.0).abs() < 1e-4);
     }
 
     #[test]
     fn uncertainty_grows_while_nothing_comes() {
         let mut filter = MotionFilter::new(1e-5);
         for k in 0..100i64 {
-            filter.measure(exactly(k * 1_000_000), 0.5);
+            filter.measure(exactly(k * 1_000_000), 0.0, 0.5);
         }
-        let now = filter.motion(99_000_000).unwrap().covariance[(0, 0)];
-        let later = filter.motion(119_000_000).unwrap().covariance[(0, 0)];
+        let now = filter.motion(exactly(99_000_000)).unwrap().covariance[(0, 0)];
+        let later = filter.motion(exactly(119_000_000)).unwrap().covariance[(0, 0)];
         assert!(later > now);
     }
 }

@@ -3,7 +3,7 @@
 //! Time is counted in units of 10 ms inside, so that the four states of a robot joint are of similar size and the
 //! covariance stays well conditioned.
 
-use super::JointMotion;
+use super::{JointMotion, Sampled};
 use nalgebra::{Matrix3, Matrix4, Vector4};
 
 /// Inner unit of time, s.
@@ -52,7 +52,18 @@ impl State {
         }
     }
 
-    /// Takes in a position whose sampling instant is itself uncertain by `sigma_s`: at speed it counts for less.
+    /// The same where the instant it refers to is unsure by this variance (inner units): the state as it was at whatever instant that
+    /// really was, to second order.
+    pub(super) fn smeared(mut self, variance: f64) -> Self {
+        let first = Vector4::new(self.mean[1], self.mean[2], self.mean[3], 0.0);
+        let second = Vector4::new(self.mean[2], self.mean[3], 0.0, 0.0);
+        self.mean += second * (0.5 * variance);
+        self.covariance +=
+            first * first.transpose() * variance + second * second.transpose() * (0.5 * variance * variance);
+        self
+    }
+
+    /// Takes in a position whose own sampling instant is uncertain by `sigma_s`: at speed it counts for less.
     pub(super) fn measure_position(&mut self, value: f64, variance: f64, sigma_s: f64) -> f64 {
         let smear = self.mean[1] / UNIT_S * sigma_s;
         self.measure(0, value, variance + smear * smear)
@@ -95,6 +106,16 @@ pub(super) fn mixture<const M: usize>(states: &[State; M], weights: &[f64; M]) -
         covariance += (state.covariance + apart * apart.transpose()) * *w;
     }
     State { mean, covariance }
+}
+
+/// Time from one sampling to another in inner units.
+pub(super) fn inner_step(from: &Sampled, to: &Sampled) -> f64 {
+    (to.at_ns - from.at_ns) as f64 * 1e-9 / UNIT_S
+}
+
+/// Variance of that time, inner units.
+pub(super) fn inner_variance(from: &Sampled, to: &Sampled) -> f64 {
+    (to.walked_s2 - from.walked_s2).abs() / (UNIT_S * UNIT_S)
 }
 
 /// Transition over `step` inner time units.

@@ -6,11 +6,12 @@
 //! runs side by side, one for each strength and one for a joint at rest, mixed as an interacting multiple model (Blom and
 //! Bar-Shalom, IEEE Trans. Automatic Control 33(8), 1988). The mixture's covariance holds the doubt about which applies.
 //!
-//! [`RoundClock`] says when the positions were sampled; [`MotionFilter`] is causal and runs in the cycle; [`smooth`] uses the whole recording and is for offline work.
+//! [`RoundClock`] says how far apart the positions were sampled; [`MotionFilter`] is causal and runs in the cycle; [`smooth`] uses the whole recording and is for offline work.
 
 mod clock;
 mod filter;
 mod kalman;
+mod rhythm;
 mod smoother;
 
 pub use clock::{RoundClock, Sampled};

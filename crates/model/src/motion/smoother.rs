@@ -1,6 +1,6 @@
 //! Motion from the whole recording: Rauch-Tung-Striebel smoothing, blended over strengths of snap.
 
-use super::kalman::{State, UNIT_S, inner_density, transition, unit_process};
+use super::kalman::{State, inner_density, inner_step, inner_variance, transition, unit_process};
 use super::{JointMotion, Sampled};
 use nalgebra::{Cholesky, Matrix4};
 
@@ -60,28 +60,28 @@ impl Pass {
         let mut state = State::from_position(positions_rad[0], variance);
         for k in 0..n {
             if k > 0 {
-                state = forward(&state, at[k].at_ns - at[k - 1].at_ns, density);
+                state = forward(&state, &at[k - 1], &at[k], density);
             }
-            fit.push(state.measure_position(positions_rad[k], variance, at[k].sigma_s));
+            fit.push(state.measure_position(positions_rad[k], variance, 0.0));
             states.push(state);
         }
         for k in (0..n - 1).rev() {
-            states[k] = backward(&states[k], &states[k + 1], at[k + 1].at_ns - at[k].at_ns, density);
+            states[k] = backward(&states[k], &states[k + 1], (&at[k], &at[k + 1]), density);
         }
         Self { states, fit }
     }
 }
 
-fn forward(state: &State, step_ns: i64, density: f64) -> State {
-    let step = step_ns as f64 * 1e-9 / UNIT_S;
-    state.predicted(&transition(step), &(unit_process(step) * density))
+fn forward(state: &State, from: &Sampled, to: &Sampled, density: f64) -> State {
+    let step = inner_step(from, to);
+    let predicted = state.predicted(&transition(step), &(unit_process(step) * density));
+    predicted.smeared(inner_variance(from, to))
 }
 
 /// Rauch, Tung, Striebel: the filtered state corrected by what came after.
-fn backward(filtered: &State, next: &State, step_ns: i64, density: f64) -> State {
-    let step = step_ns as f64 * 1e-9 / UNIT_S;
-    let f = transition(step);
-    let predicted = filtered.predicted(&f, &(unit_process(step) * density));
+fn backward(filtered: &State, next: &State, (from, to): (&Sampled, &Sampled), density: f64) -> State {
+    let f = transition(inner_step(from, to));
+    let predicted = forward(filtered, from, to, density);
     let Some(inverse) = Cholesky::new(predicted.covariance).map(|c| c.inverse()) else {
         return *filtered;
     };
@@ -134,7 +134,7 @@ mod tests {
     use super::*;
 
     fn exactly(at_ns: impl IntoIterator<Item = i64>) -> Vec<Sampled> {
-        at_ns.into_iter().map(|at_ns| Sampled { at_ns, sigma_s: 0.0 }).collect()
+        at_ns.into_iter().map(|at_ns| Sampled { at_ns, ..Sampled::default() }).collect()
     }
 
     #[test]

@@ -84,7 +84,8 @@ pub(super) fn check(scale_counts: f64, terms: &[SensorTerm]) -> Result<(), Strin
     if terms.len() > MOST_TERMS {
         return Err(format!("has {} terms, more than {MOST_TERMS}", terms.len()));
     }
-    if !terms.is_empty() && !(scale_counts > 0.0 && scale_counts.is_finite()) {
+    let scaled = scale_counts > 0.0 && scale_counts.is_finite();
+    if !terms.is_empty() && !scaled {
         return Err(format!("scale_counts = {scale_counts} is not positive, but it has terms"));
     }
     terms.iter().enumerate().try_for_each(|(index, term)| term.check(index))

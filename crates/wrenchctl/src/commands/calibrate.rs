@@ -51,8 +51,11 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
         AxesArg::Five => Axes::Five,
         AxesArg::Full => Axes::Full,
     };
+    let inputs = inputs(&runs)?;
+    output::refuse_to_overwrite(&args.out, inputs.iter().map(|input| Path::new(&input.file)))?;
+    output::one_at_most_to_stdout([Some(&args.out), args.json.as_ref()])?;
     let date = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
-    let result = calibration::calibrate(&rig, &recordings, axes, inputs(&runs)?, &date[..10])?;
+    let result = calibration::calibrate(&rig, &recordings, axes, inputs, &date[..10])?;
     output::write_file(&args.out, result.model.to_toml().as_bytes())?;
     if let Some(path) = &args.json {
         output::write_json(path, &result.report)?;
@@ -71,6 +74,15 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
 /// The runs in these directories, all of one robot.
 pub fn load_runs(dirs: &[PathBuf]) -> Result<Vec<Run>, Error> {
     let runs = dirs.iter().map(|dir| Run::load(dir)).collect::<Result<Vec<_>, _>>()?;
+    for (at, run) in runs.iter().enumerate() {
+        let real = |run: &Run| std::fs::canonicalize(&run.log).ok();
+        if runs[..at].iter().any(|other| real(other).is_some() && real(other) == real(run)) {
+            let dir = run.dir.display();
+            return Err(Error::usage(format!(
+                "{dir}: its log is given twice and would count twice; give it once"
+            )));
+        }
+    }
     let Some((first, others)) = runs.split_first() else {
         return Err(Error::usage("no run directory given"));
     };
