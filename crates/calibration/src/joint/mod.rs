@@ -12,6 +12,9 @@ pub mod outcome;
 pub mod parameters;
 pub mod rows;
 pub mod system;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
 
 use model::sensing::CHARACTERISTIC_LENGTH_M;
 use model::terms::{Effect, MOST_TERMS};
@@ -352,17 +355,4 @@ fn reference_temperatures(recordings: &[Recording], gauges: usize) -> Vec<f64> {
             if n > 0.0 { sum / n } else { 0.0 }
         })
         .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_parabola_s_lowest_place_is_found_between_the_tried_ones() {
-        let cost = |place: f64| (place.ln() - 70f64.ln()).powi(2) + 3.0;
-        let costs: Vec<f64> = effects::LAGS_S.iter().map(|p| cost(*p)).collect();
-        assert!((lowest(&effects::LAGS_S, &costs) - 70.0).abs() < 1e-9);
-        assert_eq!(lowest(&[1.0, 2.0], &[1.0, 2.0]), 1.0);
-    }
 }

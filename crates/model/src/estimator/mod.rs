@@ -164,7 +164,8 @@ impl WrenchEstimator {
     /// The wrench at one instant from each joint's motion and each gauge's reading (`None`: absent).
     ///
     /// Two passes: the first weighs the gauges as if little were known of the wrench, the second with the uncertainty
-    /// that the wrench found in the first gives to every gauge's calibration, and with joints that yield under it.
+    /// that the wrench found in the first gives to every gauge's calibration, with joints that yield under it, and with what
+    /// arm and gauges are uncertain of together. A stiff arm without such directions costs no pass over its links more.
     pub fn estimate(
         &mut self,
         motion: &[JointMotion],
@@ -180,7 +181,6 @@ impl WrenchEstimator {
         self.yield_under(&Wrench::zero());
         self.dynamics.differentiate();
         self.collect(readings);
-        self.arm.place(&self.motion[0], &Wrench::zero());
         let first = self.solve(motion, None)?;
         let wrench = Wrench::from_vector(&first.x);
         if self.yield_under(&wrench) {
@@ -243,7 +243,9 @@ impl WrenchEstimator {
         for (coordinate, joint) in motion.iter().enumerate() {
             self.share_motion_error(coordinate, &joint.covariance, &wrench);
         }
-        self.share_deviations(&wrench);
+        if found.is_some() {
+            self.share_deviations(&wrench);
+        }
         let length = CHARACTERISTIC_LENGTH_M;
         self.gls.solve(&[1.0, 1.0, 1.0, length, length, length]).map_err(|e| match e {
             NoFit::TooFewRows => NoWrench::TooFewGauges,
@@ -254,8 +256,12 @@ impl WrenchEstimator {
 
     /// Variance that the calibration's uncertainty gives to a gauge under its present load, counts^2.
     fn calibration_variance(&self, row: &Row, wrench: &Wrench<Tip>) -> f64 {
+        let gauge = &self.gauges[row.gauge];
         let regressors = self.regressors(row, wrench);
-        regressors.dot(&(self.gauges[row.gauge].covariance * regressors))
+        // Beyond its terms all is zero: most gauges have seven numbers, not sixteen.
+        let used = 7 + gauge.terms.terms.len().min(MOST_TERMS);
+        let (values, covariance) = (regressors.rows(0, used), gauge.covariance.view((0, 0), (used, used)));
+        (0..used).map(|k| values[k] * covariance.column(k).dot(&values)).sum()
     }
 
     /// What a gauge's numbers are multiplied by under its present load: N, Nm, one, the terms' regressors.

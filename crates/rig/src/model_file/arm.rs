@@ -154,6 +154,9 @@ impl Arm {
             if !joint.correction().array().iter().all(|v| v.is_finite()) {
                 return Err(format!("[arm] joint \"{name}\" has a number that is not finite"));
             }
+            if !joint.sigma.iter().all(|v| *v >= 0.0 && v.is_finite()) {
+                return Err(format!("[arm] joint \"{name}\" has a standard deviation that is none"));
+            }
         }
         if self.deviations.len() > MOST_DEVIATIONS {
             let n = self.deviations.len();

@@ -396,6 +396,14 @@ impl ModelFile {
         if let Some(arm) = &self.arm {
             arm.check(&self.sensors.iter().map(|s| s.terms.len()).collect::<Vec<_>>())?;
         }
+        for (sensor, gauge) in self.sensors.iter().zip(self.gauges()) {
+            if !is_covariance(&gauge.covariance, &sensor.whole_covariance()) {
+                let name = &sensor.name;
+                return Err(format!(
+                    "[arm] a deviation says more than the gauge's covariance of sensor \"{name}\""
+                ));
+            }
+        }
         for joint in &self.joints {
             let sigma = joint.position_sigma_rad;
             if !(sigma > 0.0 && sigma.is_finite()) {
@@ -438,7 +446,7 @@ impl Sensor {
         if lopsided || covariance.diagonal().iter().any(|v| *v < 0.0) {
             return Err("the covariance is not symmetric with a positive diagonal".into());
         }
-        if !is_covariance(&covariance) {
+        if !is_covariance(&covariance, &covariance) {
             return Err("the covariance is none: some combination has a negative variance".into());
         }
         if self.unobservable.is_empty() && self.compliance.array().contains(&None) {
@@ -448,11 +456,11 @@ impl Sensor {
     }
 }
 
-/// Whether no combination has a negative variance, but for rounding of the text.
-fn is_covariance(matrix: &GaugeCovariance) -> bool {
-    let scale = matrix.diagonal().map(|v| if v > 0.0 { v.sqrt().recip() } else { 0.0 });
+/// Whether no combination has a negative variance, but for rounding of the text; `scale` has the size of the numbers.
+fn is_covariance(matrix: &GaugeCovariance, scale: &GaugeCovariance) -> bool {
+    let scale = scale.diagonal().map(|v| if v > 0.0 { v.sqrt().recip() } else { 0.0 });
     let correlation = GaugeCovariance::from_fn(|i, k| matrix[(i, k)] * scale[i] * scale[k]);
-    let certain = (0..scale.len()).filter(|k| scale[*k] == 0.0);
-    let loose = certain.clone().any(|k| matrix.row(k).amax() > 0.0);
+    let mut certain = (0..scale.len()).filter(|k| scale[*k] == 0.0);
+    let loose = certain.any(|k| matrix.row(k).amax() > 0.0);
     !loose && correlation.symmetric_eigenvalues().min() > -1e-6
 }
