@@ -11,7 +11,7 @@ use serde::Serialize;
 use crate::dataset::Dataset;
 use crate::error::Error;
 use crate::gauges::{self, Gauge};
-use crate::joint::{self, Joint, outcome::Correction};
+use crate::joint::{self, Joint, outcome::Correction, told::Untold};
 use crate::observability::{Remedies, words};
 use crate::recording::Recording;
 use crate::solve::{Estimate, unscaled};
@@ -46,7 +46,10 @@ pub struct Report {
     pub samples: u64,
     /// One a gauge.
     pub sensors: Vec<SensorReport>,
-    arm: std::collections::BTreeMap<String, Correction>,
+    /// Corrections of the arm, the weights and the reference by name.
+    pub arm: std::collections::BTreeMap<String, Correction>,
+    /// What of these the recordings do not tell.
+    pub arm_unobservable: Vec<Untold>,
 }
 
 /// One gauge in the report; `None` (null) is what the data do not determine.
@@ -135,6 +138,7 @@ pub fn calibrate(
         samples: dataset.samples,
         sensors: sensors.iter().map(SensorReport::new).collect(),
         arm: joint.iter().flat_map(Joint::corrections).collect(),
+        arm_unobservable: joint.iter().flat_map(Joint::untold).collect(),
     };
     let model = ModelFile {
         format: 1,

@@ -23,6 +23,8 @@ use crate::truth::{Truth, range_si};
 pub const START_NS: i64 = 1_790_000_000_000_000_000;
 /// Time between two messages of temperatures, s.
 const TEMPERATURES_EVERY_S: f64 = 0.1;
+/// Noise of the thermometers of an arm as it is built, K.
+const THERMOMETER_SIGMA_K: f64 = 0.1;
 /// Fastest rate, Hz: beyond it no CAN bus carries even one frame a cycle.
 const MAX_RATE_HZ: f64 = 20_000.0;
 
@@ -231,6 +233,12 @@ impl Simulator {
         for (index, noise) in self.noise.iter_mut().enumerate() {
             let noise_counts = noise.next(&mut self.gauge_rng);
             self.samples.iter_mut().for_each(|sample| sample.counts[index] += noise_counts);
+        }
+        if self.truth.imperfections.is_some() {
+            for index in 0..self.truth.gauges.len() {
+                let noise_k = THERMOMETER_SIGMA_K * normal(&mut self.gauge_rng);
+                self.samples.iter_mut().for_each(|sample| sample.temperatures_c[index] += noise_k);
+            }
         }
         for (index, encoder) in self.truth.encoders.iter().enumerate() {
             let position_rad = encoder.position_sigma_rad * normal(&mut self.encoder_rng);

@@ -15,6 +15,7 @@ pub mod system;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;
+pub mod told;
 
 use model::sensing::CHARACTERISTIC_LENGTH_M;
 use model::terms::{Effect, MOST_TERMS};

@@ -14,13 +14,13 @@ use crate::solve::unscaled;
 /// Directions of uncertainty that matter less than this share of the largest are left to each gauge by itself.
 const NEGLIGIBLE: f64 = 1e-3;
 
-/// A correction with its standard deviation, for the report.
+/// A correction with its standard deviation, for the report; null where the recordings do not tell it from others.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Correction {
     /// The value, in the unit that its name ends with.
-    pub value: f64,
+    pub value: Option<f64>,
     /// Its standard deviation.
-    pub sigma: f64,
+    pub sigma: Option<f64>,
 }
 
 impl Joint {
@@ -29,8 +29,9 @@ impl Joint {
         let free = self.solution.arm_free.iter().enumerate();
         free.map(|(k, index)| {
             let sigma = self.solution.arm_covariance[(k, k)].sqrt();
-            let value = self.solution.arm[*index];
-            (self.parameters.list[*index].name.clone(), Correction { value, sigma })
+            let told = |number: f64| self.is_told(k).then_some(number);
+            let correction = Correction { value: told(self.solution.arm[*index]), sigma: told(sigma) };
+            (self.parameters.list[*index].name.clone(), correction)
         })
         .collect()
     }

@@ -58,7 +58,7 @@ pub(crate) fn arm() -> Rig {
 /// Calibrates and scores the arms of these seeds, one after the other: each uses all cores.
 pub(crate) fn try_arms(seeds: std::ops::Range<u64>) -> Vec<Trial> {
     let rig = arm();
-    seeds.map(|seed| try_arm(&rig, seed)).collect()
+    seeds.map(|seed| try_arm(&rig, seed)).inspect(|trial| println!("{trial}")).collect()
 }
 
 fn try_arm(rig: &Rig, seed: u64) -> Trial {

@@ -164,7 +164,7 @@ fn a_model_without_arm_and_terms_says_nothing_of_them() {
 fn unknown_effects_and_keys_are_refused() {
     let text = model(&rig()).to_toml();
     let cases = [
-        with(&text, "creep = ", "wear = "),
+        with(&text, ".creep]", ".wear]"),
         with(&text, "tau_s = ", "tau_ms = "),
         with(&text, "[arm]\n", "[arm]\nlean = 1.0\n"),
         with(&text, "zero_rad = ", "zero_deg = "),
