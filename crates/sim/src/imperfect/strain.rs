@@ -12,7 +12,7 @@ const BEND: (f64, f64) = (0.0003, 0.001);
 const LOOP: (f64, f64) = (0.0005, 0.0015);
 /// Strain within which a loop turns round, likewise.
 const TURNS_WITHIN: (f64, f64) = (0.05, 0.3);
-/// Creep after [`CREEP_AT_S`], as a share of the strain.
+/// Creep after `CREEP_AT_S`, as a share of the strain.
 const CREEP: (f64, f64) = (0.0005, 0.004);
 const CREEP_AT_S: f64 = 300.0;
 /// Exponent of time in the creep.
@@ -43,7 +43,7 @@ pub struct Strain {
     pub bend: (Curve, f64),
     /// The loop, and half its height.
     pub hysteresis: (Hysteresis, f64),
-    /// Creep after [`CREEP_AT_S`] and the exponent of time.
+    /// Creep after five minutes as a share of the strain, and the exponent of time.
     pub creep: (f64, f64),
     /// Drift a kelvin.
     pub drift_per_k: f64,
