@@ -219,6 +219,7 @@ struct Scorer {
     tracker: MotionTracker,
     stage: Stage,
     truth: Dynamics,
+    nominal: Dynamics,
     baselines: [BaselineEstimator; 2],
     still: Vec<bool>,
     /// Motion without lag at each instant of the recording: `[coordinate][instant]`.
@@ -245,8 +246,9 @@ impl Scorer {
         });
         Self {
             tracker: MotionTracker::new(rig, model),
-            stage: Stage::new(rig, model.gauges()),
-            truth: dynamics,
+            stage: Stage::of_model(rig, model),
+            truth: dynamics.clone(),
+            nominal: dynamics,
             baselines: [BaselineEstimator::new(five.collect()), BaselineEstimator::new(nominal.collect())],
             still: still_instants(&recording.at_ns, &recording.positions_rad),
             motion,
@@ -267,9 +269,11 @@ impl Scorer {
         let t_s = (snapshot.instant_ns - recording.start_ns) as f64 * 1e-9;
         let truth = truth(&mut self.truth, recording, t_s, lagless.as_deref());
         let baselines = match estimate.outcome {
+            // The baselines know the arm as its URDF has it, at the encoders' positions.
             Ok(_) => {
-                let dynamics = self.stage.estimator().dynamics();
-                self.baselines.each_mut().map(|b| b.estimate(dynamics, snapshot))
+                let smooth = lagless.as_deref().filter(|_| self.smoothed);
+                update(&mut self.nominal, smooth.unwrap_or(self.tracker.motion()));
+                self.baselines.each_mut().map(|b| b.estimate(&self.nominal, snapshot))
             }
             Err(_) => [None, None],
         };
@@ -287,9 +291,13 @@ fn truth(
     let reference = recording.reference.as_ref().and_then(|r| r.at(t_s)).unwrap_or_else(Wrench::zero);
     let body = recording.loads.at(t_s);
     let Some(motion) = motion.filter(|_| body.mass_kg != 0.0) else { return reference };
+    update(dynamics, motion);
+    reference + dynamics.payload_wrench(&body)
+}
+
+fn update(dynamics: &mut Dynamics, motion: &[JointMotion]) {
     let part = |f: fn(&JointMotion) -> f64| motion.iter().map(f).collect::<Vec<_>>();
     dynamics.update(&part(|m| m.position_rad), &part(|m| m.velocity_rad_s), &part(|m| m.acceleration_rad_s2));
-    reference + dynamics.payload_wrench(&body)
 }
 
 /// `W = (J' J'^T)^-1 J' t'`: unweighted, in Nm about each gauge's own sensing line.

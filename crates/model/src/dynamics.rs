@@ -194,6 +194,15 @@ impl Dynamics {
         Wrench::new(force, tip.rotation * wrench.moment_nm + tip.translation_m.cross(&force))
     }
 
+    /// Torque about a coordinate's axis (Nm) that the arm outboard of its joint and a tip wrench in E apply to the inboard side.
+    #[must_use]
+    pub fn joint_torque_nm(&self, coordinate: usize, wrench: &Wrench<Tip>) -> f64 {
+        let state = &self.states[self.turning[coordinate]];
+        let force = state.tip.rotation * wrench.force_n;
+        let moment = state.tip.rotation * wrench.moment_nm + state.tip.translation_m.cross(&force);
+        state.moment_nm.z + moment.z
+    }
+
     /// The tip frame E in the base frame W (m).
     #[must_use]
     pub fn tip_in_base(&self) -> Pose {

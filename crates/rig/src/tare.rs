@@ -4,9 +4,9 @@
 //! residuals at zero wrench vanish, and they do in every pose, which subtracting a wrench would not achieve: a zero that
 //! drifted reads as another wrench in every pose. Never begun by itself; gone after a restart.
 
-use model::estimator::{WrenchEstimator, Zero};
+use model::estimator::{Excitation, GaugeReading, WrenchEstimator, Zero};
 use model::motion::JointMotion;
-use nalgebra::Vector6;
+use model::spatial::Wrench;
 
 use crate::cycle::Refusal;
 
@@ -64,7 +64,7 @@ impl std::fmt::Display for TareRefusal {
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     parts: [(u32, f64); PARTS],
-    load: Vector6<f64>,
+    excitation: Excitation,
 }
 
 /// The tare of one cycle: being taken, applied, or not. Allocates at construction only.
@@ -132,11 +132,11 @@ impl Tare {
         self.left_out.copy_from_slice(&other.left_out);
     }
 
-    /// Takes in an instant with a wrench: the readings that are fit for a zero (counts), and the joints' motion.
+    /// Takes in an instant with a wrench: the readings that are fit for a zero, and the joints' motion.
     pub(crate) fn observe(
         &mut self,
         instant_ns: i64,
-        counts: impl Iterator<Item = Option<f64>>,
+        readings: impl Iterator<Item = Option<GaugeReading>>,
         motion: &[JointMotion],
         estimator: &mut WrenchEstimator,
     ) {
@@ -148,12 +148,12 @@ impl Tare {
             return self.refuse(TareRefusal::Moving(moving));
         }
         let part = ((instant_ns - begun_ns) * PARTS as i64 / TARE_NS).clamp(0, PARTS as i64 - 1) as usize;
-        for ((gauge, counts), sums) in counts.enumerate().zip(&mut self.sums) {
-            let Some(counts) = counts else { continue };
+        for ((gauge, reading), sums) in readings.enumerate().zip(&mut self.sums) {
+            let Some(reading) = reading else { continue };
             let (count, sum) = &mut sums.parts[part];
             *count += 1;
-            *sum += estimator.unexplained_counts(gauge, counts);
-            sums.load += estimator.dynamics().load(gauge);
+            *sum += estimator.unexplained_counts(gauge, &reading);
+            sums.excitation += estimator.excitation(gauge, &reading, &Wrench::zero());
         }
         self.instants += 1;
         if instant_ns - begun_ns >= TARE_NS {
@@ -224,7 +224,7 @@ impl Sums {
         Some(Zero {
             shift_counts: mean,
             variance_counts2: (spread / (parts - 1.0)).max(noise_counts2) / parts,
-            found_at: Some(self.load / f64::from(count)),
+            found_at: Some(self.excitation / f64::from(count)),
         })
     }
 }

@@ -44,6 +44,9 @@ fn perfect(rig: &Rig, truth: &Truth) -> ModelFile {
                 bias_counts: 0.0,
             },
             nominal_axes: NominalAxes { k_counts_per_nm: 1.0, bias_counts: 0.0 },
+            centre_counts: 0.0,
+            scale_counts: 0.0,
+            terms: Vec::new(),
             unobservable: Vec::new(),
         }
     });
@@ -62,6 +65,7 @@ fn perfect(rig: &Rig, truth: &Truth) -> ModelFile {
             inputs: Vec::new(),
         },
         joints: rig.chain.coordinate_names().iter().map(encoder).collect(),
+        arm: None,
         sensors: sensors.collect(),
         fingerprint: rig.fingerprint().clone(),
     }

@@ -77,8 +77,8 @@ impl Board {
         for (k, cell) in self.gauges.iter().enumerate() {
             let state = STATES.iter().position(|state| *state == stage.gauge_states()[k]).unwrap_or(0);
             cell.state.store(state as u64, Ordering::Relaxed);
-            if let Some(counts) = stage.counts()[k] {
-                put(&cell.counts, counts);
+            if let Some(reading) = stage.used()[k] {
+                put(&cell.counts, reading.counts);
             }
             put(&cell.residual, 0.0);
         }

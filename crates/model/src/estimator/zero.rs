@@ -1,13 +1,14 @@
 //! A gauge's zero, as calibrated or found again later in a known state.
 
-use nalgebra::Vector6;
+use super::Excitation;
 
-use super::GaugeCovariance;
+/// Place of the bias among a gauge's numbers.
+const BIAS: usize = 6;
 
 /// A gauge's zero, and what is known of its reading because of it.
 ///
-/// A zero found later, under the load `L0` and without a wrench, takes the calibration's error under that load away with it:
-/// `z - shift = C . L + b + e` with `e = dC . (L - L0) + e0`, where `dC` is the compliance's error and `e0` that of the
+/// A zero found later, under the excitation `L0` and without a wrench, takes the calibration's error under that excitation away with it:
+/// `z - shift = C . L + b + e` with `e = dC . (L - L0) + e0`, where `dC` is the error of compliance and terms and `e0` that of the
 /// zero itself. Only the *difference* to `L0` is uncertain, so the same pose measures small wrenches best.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zero {
@@ -15,21 +16,20 @@ pub struct Zero {
     pub shift_counts: f64,
     /// Variance of the shift itself, counts^2.
     pub variance_counts2: f64,
-    /// Load under which the zero was found, in S (N, Nm); `None`: the zero is the calibration's.
-    pub found_at: Option<Vector6<f64>>,
+    /// Excitation under which the zero was found; `None`: the zero is the calibration's.
+    pub found_at: Option<Excitation>,
 }
 
 impl Zero {
     /// The zero that the calibration found.
     pub const CALIBRATED: Self = Self { shift_counts: 0.0, variance_counts2: 0.0, found_at: None };
 
-    /// Variance that the uncertainty of compliance and zero gives to the reading under a load (S; N, Nm), counts^2.
-    pub(super) fn variance_counts2(&self, load: &Vector6<f64>, covariance: &GaugeCovariance) -> f64 {
-        let excited = match self.found_at {
-            None => load.push(1.0),
-            Some(found_at) => (load - found_at).push(0.0),
-        };
-        excited.dot(&(covariance * excited)) + self.variance_counts2
+    /// The part of an excitation in which errors of the gauge's numbers still show.
+    pub(super) fn excited(&self, excitation: &Excitation) -> Excitation {
+        let Some(found_at) = &self.found_at else { return *excitation };
+        let mut excited = excitation - found_at;
+        excited[BIAS] = 0.0;
+        excited
     }
 }
 
@@ -38,12 +38,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_zero_found_later_is_sure_where_it_was_found_and_less_so_elsewhere() {
-        let covariance = GaugeCovariance::from_diagonal_element(4.0);
-        let load = Vector6::new(1.0, 0.0, 2.0, 0.0, 0.0, 0.0);
-        assert_eq!(Zero::CALIBRATED.variance_counts2(&load, &covariance), 4.0 * 6.0);
-        let zero = Zero { shift_counts: 7.0, variance_counts2: 0.5, found_at: Some(load) };
-        assert_eq!(zero.variance_counts2(&load, &covariance), 0.5);
-        assert_eq!(zero.variance_counts2(&Vector6::zeros(), &covariance), 4.0 * 5.0 + 0.5);
+    fn a_zero_found_later_hides_errors_where_it_was_found() {
+        let excitation = Excitation::from_fn(|k, _| if k == BIAS { 1.0 } else { k as f64 });
+        assert_eq!(Zero::CALIBRATED.excited(&excitation), excitation);
+        let zero = Zero { shift_counts: 7.0, variance_counts2: 0.5, found_at: Some(excitation) };
+        assert_eq!(zero.excited(&excitation), Excitation::zeros());
+        let other = zero.excited(&Excitation::zeros());
+        assert_eq!((other[BIAS], other[2], other[9]), (0.0, -2.0, -9.0));
     }
 }

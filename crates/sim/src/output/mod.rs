@@ -156,7 +156,12 @@ pub fn reference_csv(simulator: &Simulator, scenario: &Scenario, seed: u64) -> O
         if !sensor.is_mounted(t_s) {
             continue;
         }
-        let push = scenario.push.at(t_s);
+        // Calibrations have a real sensor; what an evaluation is judged by is the truth.
+        let faults = simulator.truth().imperfections.as_ref().map(|faults| &faults.reference);
+        let push = match faults.filter(|_| scenario.purpose == Purpose::Calibration) {
+            Some(sensor) => sensor.says(&scenario.push.at(t_s)),
+            None => scenario.push.at(t_s),
+        };
         let mut reading = [0.0; 6];
         for axis in 0..3 {
             reading[axis] = push.force_n[axis] + sensor.force_sigma_n[axis] * normal(&mut rng);

@@ -161,6 +161,15 @@ fn summary(result: &Calibration, path: &Path, out: &mut impl Write) -> Result<()
             writeln!(out, "  {}: never excited; {}", u.words, u.remedy)?;
         }
     }
+    if !result.report.arm_unobservable.is_empty() {
+        writeln!(
+            out,
+            "of the arm not told by these recordings (the wrench's uncertainty has what matters of it):"
+        )?;
+        for untold in &result.report.arm_unobservable {
+            writeln!(out, "  {untold}")?;
+        }
+    }
     writeln!(out, "model written to {}", path.display())?;
     Ok(())
 }

@@ -62,6 +62,9 @@ pub fn model(rig: &Rig, truth: &Truth) -> ModelFile {
         },
         nominal_axes: NominalAxes { k_counts_per_nm: 1.0, bias_counts: 0.0 },
         unobservable: Vec::new(),
+        centre_counts: 0.0,
+        scale_counts: 0.0,
+        terms: Vec::new(),
     });
     let joints =
         rig.chain.coordinate_names().into_iter().zip(&truth.encoders).map(|(name, encoder)| Encoder {
@@ -79,6 +82,7 @@ pub fn model(rig: &Rig, truth: &Truth) -> ModelFile {
             inputs: Vec::new(),
         },
         joints: joints.collect(),
+        arm: None,
         sensors: sensors.collect(),
         fingerprint: rig.fingerprint().clone(),
     }
