@@ -9,6 +9,8 @@ use crate::svg::{Canvas, Ink, text_width};
 /// Height of a bar and the room between groups, px.
 const BAR_PX: f64 = 15.0;
 const BETWEEN_PX: f64 = 9.0;
+/// Breadth of the drawing, px.
+const BREADTH_PX: f64 = 500.0;
 
 /// Groups of horizontal bars.
 #[derive(Clone, Debug)]
@@ -18,7 +20,6 @@ pub struct Bars {
     unit: String,
     series: Vec<String>,
     rows: Vec<(String, Vec<Option<f64>>)>,
-    width: f64,
 }
 
 impl Bars {
@@ -26,14 +27,7 @@ impl Bars {
     #[must_use]
     pub fn new(title: impl Into<String>, unit: impl Into<String>, series: &[&str]) -> Self {
         let series = series.iter().map(|name| (*name).to_owned()).collect();
-        Self {
-            title: title.into(),
-            remark: String::new(),
-            unit: unit.into(),
-            series,
-            rows: Vec::new(),
-            width: 500.0,
-        }
+        Self { title: title.into(), remark: String::new(), unit: unit.into(), series, rows: Vec::new() }
     }
 
     /// With a remark beside the title.
@@ -55,17 +49,17 @@ impl Bars {
         let (low, high) = extent(values.chain([0.0]));
         let longest = self.rows.iter().map(|(name, _)| text_width(&short(name, 28))).fold(0.0, f64::max);
         // Values stand behind their bars.
-        let (left, right) = (longest + 8.0, self.width - 66.0);
+        let (left, right) = (longest + 8.0, BREADTH_PX - 66.0);
         let x = Scale::new((low, high), 4).onto(left + if low < 0.0 { 58.0 } else { 0.0 }, right);
         let group = self.series.len() as f64 * BAR_PX + BETWEEN_PX;
-        let height = self.rows.len() as f64 * group + 26.0;
-        let bottom = height - 22.0;
+        let height = self.rows.len() as f64 * group + 38.0;
+        let bottom = height - 34.0;
         let mut canvas = Canvas::default();
         for mark in x.marks() {
             canvas.line((x.at(mark), 0.0), (x.at(mark), bottom), "grid-line");
             canvas.text((x.at(mark), bottom + 16.0), &x.name(mark), "m c");
         }
-        canvas.text((self.width, bottom + 16.0), &self.unit, "m e");
+        canvas.text((right, bottom + 31.0), &self.unit, "m e");
         for (k, (name, values)) in self.rows.iter().enumerate() {
             let top = k as f64 * group + BETWEEN_PX / 2.0;
             let middle = top + (group - BETWEEN_PX) / 2.0 + 4.0;
@@ -87,7 +81,7 @@ impl Bars {
             }
         }
         canvas.line((x.at(0.0), 0.0), (x.at(0.0), bottom), "axis");
-        canvas.finish(self.width, height, &format!("{}, {}", self.title, self.unit))
+        canvas.finish(BREADTH_PX, height, &format!("{}, {}", self.title, self.unit))
     }
 }
 

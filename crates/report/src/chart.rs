@@ -21,8 +21,8 @@ impl Size {
     #[must_use]
     pub fn px(self) -> (f64, f64) {
         match self {
-            Self::Wide => (1040.0, 230.0),
-            Self::Small => (340.0, 210.0),
+            Self::Wide => (1060.0, 230.0),
+            Self::Small => (334.0, 210.0),
         }
     }
 }
@@ -129,7 +129,7 @@ impl Chart {
         let (over_x, over_y) = self.extents();
         let y = Scale::new(over_y, 4).widened();
         let (left, right) = (text_width(&y.longest_name()) + 10.0, width - 8.0);
-        let top = if self.places.is_empty() { 20.0 } else { 36.0 };
+        let top = if self.places.is_empty() { 26.0 } else { 40.0 };
         let bottom = height - 36.0;
         let y = y.onto(bottom, top);
         // Neighbouring names of marks must not touch.

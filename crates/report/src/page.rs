@@ -50,9 +50,16 @@ impl Page {
 #[derive(Default)]
 pub struct Grid {
     parts: Vec<Box<dyn Part>>,
+    broad: bool,
 }
 
 impl Grid {
+    /// For parts that are broader than small charts: two in a row of a large window.
+    #[must_use]
+    pub fn broad() -> Self {
+        Self { parts: Vec::new(), broad: true }
+    }
+
     /// Adds a part.
     #[must_use]
     pub fn with(mut self, part: impl Part + 'static) -> Self {
@@ -63,7 +70,8 @@ impl Grid {
 
 impl Part for Grid {
     fn write(&self, out: &mut String) {
-        out.push_str("<div class=\"grid\">\n");
+        let class = if self.broad { "grid broad" } else { "grid" };
+        out.push_str(&format!("<div class=\"{class}\">\n"));
         self.parts.iter().for_each(|part| part.write(out));
         out.push_str("</div>\n");
     }

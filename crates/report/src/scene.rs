@@ -14,6 +14,8 @@ pub enum Stroke {
     Body,
     /// Plain.
     Plain,
+    /// Thin and pale: something to go by.
+    Thin,
     /// Dashed: what was meant to be.
     Dashed,
 }
@@ -94,6 +96,13 @@ impl Scene {
         self.legend.push((name.into(), ink));
     }
 
+    /// How far apart two points (m) appear from where the scene is seen, m.
+    #[must_use]
+    pub fn apparent_distance_m(&self, a: [f64; 3], b: [f64; 3]) -> f64 {
+        let (a, b) = (self.flat(a), self.flat(b));
+        (a.0 - b.0).hypot(a.1 - b.1)
+    }
+
     /// To the right and up on the drawing, m.
     fn flat(&self, [x, y, z]: [f64; 3]) -> (f64, f64) {
         let (st, ct) = self.turn_rad.sin_cos();
@@ -131,13 +140,17 @@ impl Scene {
             let style = match stroke {
                 Stroke::Body => "line body",
                 Stroke::Plain => "line axis3",
+                Stroke::Thin => "line thin",
                 Stroke::Dashed => "line dashed",
             };
             canvas.path(&d, &format!("{style} {}", ink.stroke()));
         }
         self.points.iter().for_each(|p| canvas.circle(place(*p), 3.0, "fi"));
+        let lines: Vec<Vec<_>> =
+            self.lines.iter().map(|(points, ..)| points.iter().map(|p| place(*p)).collect()).collect();
         let wanted: Vec<_> = self.names.iter().map(|(p, name)| (place(*p), name.clone())).collect();
-        for ((x, y), (_, name)) in labels::place(&wanted, self.width, self.height).iter().zip(&wanted) {
+        for ((x, y), (_, name)) in labels::place(&wanted, &lines, self.width, self.height).iter().zip(&wanted)
+        {
             canvas.text((*x, *y), name, "");
         }
         canvas.finish(self.width, self.height, &self.title)

@@ -45,7 +45,7 @@ impl Canvas {
     /// The drawing of this size (px) with a description for those who cannot see it.
     pub(crate) fn finish(self, width: f64, height: f64, words: &str) -> String {
         format!(
-            "<svg viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\" aria-label=\"{}\">{}</svg>\n",
+            "<svg width=\"{width:.0}\" viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\" aria-label=\"{}\">{}</svg>\n",
             escape(words),
             self.body
         )

@@ -10,7 +10,9 @@ pub enum Cell {
     Words(String),
     /// A number with so many significant digits, to the right; a dash where there is none.
     Number(Option<f64>, usize),
-    /// The same, marked as good (true) or bad.
+    /// A number as text that is ready, to the right.
+    Right(String),
+    /// A number, marked as good (true) or bad.
     Judged(Option<f64>, usize, bool),
 }
 
@@ -72,6 +74,7 @@ impl Part for Table {
                 let show = |value: &Option<f64>, digits: &usize| number(value.unwrap_or(f64::NAN), *digits);
                 out.push_str(&match cell {
                     Cell::Words(words) => format!("<td class=\"l\">{}</td>", escape(words)),
+                    Cell::Right(text) => format!("<td>{}</td>", escape(text)),
                     Cell::Number(value, digits) => format!("<td>{}</td>", show(value, digits)),
                     Cell::Judged(value, digits, good) => {
                         format!(

@@ -75,7 +75,7 @@ impl Waterfall {
             canvas.line((x.at(mark), 0.0), (x.at(mark), bottom), "grid-line");
             canvas.text((x.at(mark), bottom + 16.0), &x.name(mark), "m c");
         }
-        canvas.text((width, bottom + 16.0), &self.unit, "m e");
+        canvas.text((width - 70.0, bottom + 31.0), &self.unit, "m e");
         for (k, (name, from, to, ink)) in bars.iter().enumerate() {
             let y = k as f64 * ROW_PX;
             let is_step = k > 0 && k + 1 < bars.len();
@@ -96,7 +96,7 @@ impl Waterfall {
                 canvas.line((x.at(*to), y + ROW_PX - 4.0), (x.at(*to), y + ROW_PX + 4.0), "axis");
             }
         }
-        canvas.finish(width, bottom + 24.0, &format!("{}, {}", self.title, self.unit))
+        canvas.finish(width, bottom + 38.0, &format!("{}, {}", self.title, self.unit))
     }
 }
 
