@@ -128,14 +128,14 @@ impl Chart {
         let (width, height) = self.size.px();
         let (over_x, over_y) = self.extents();
         let y = Scale::new(over_y, 4).widened();
-        let (left, right) = (text_width(&y.longest_name()) + 10.0, width - 8.0);
+        let left = text_width(&y.longest_name()) + 10.0;
         let top = if self.places.is_empty() { 26.0 } else { 40.0 };
         let bottom = height - 36.0;
         let y = y.onto(bottom, top);
-        // Neighbouring names of marks must not touch.
-        let x = Scale::new(over_x, 5);
-        let room = (right - left) / (text_width(&x.longest_name()) + 14.0);
-        let x = Scale::new(over_x, (room as usize).clamp(2, 10)).onto(left + 4.0, right - 4.0);
+        let x = marked_within(over_x, width - left);
+        // The last mark's name may stand out by half of itself.
+        let right = width - text_width(&x.longest_name()) / 2.0 - 2.0;
+        let x = x.onto(left + 4.0, right - 4.0);
         let mut canvas = Canvas::default();
         for mark in y.marks() {
             canvas.line((left, y.at(mark)), (right, y.at(mark)), "grid-line");
@@ -177,6 +177,17 @@ impl Chart {
             }
         }
     }
+}
+
+/// As many marks as there is room (px) for their names.
+fn marked_within(over: (f64, f64), room_px: f64) -> Scale {
+    const APART_PX: f64 = 14.0;
+    let scales = (2..=10).rev().map(|marks| Scale::new(over, marks));
+    let fits = |x: &Scale| {
+        let name = text_width(&x.longest_name());
+        x.marks().len() as f64 * (name + APART_PX) <= room_px - name
+    };
+    scales.clone().find(fits).or(scales.last()).unwrap_or_else(|| Scale::new(over, 2))
 }
 
 impl Part for Chart {

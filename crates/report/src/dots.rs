@@ -5,26 +5,33 @@ use std::fmt::Write;
 
 use crate::scale::Scale;
 
-/// Side of a place, px: well below a dot's own width.
-const PLACE_PX: f64 = 1.5;
+/// Side of a place, px, from well below a dot's own width up to it: larger ones where there are too many dots.
+const PLACES_PX: [f64; 3] = [1.5, 2.2, 3.2];
+
+/// More dots than this are too many for a page of many charts.
+const MANY: usize = 3000;
 
 /// The dots that would be seen of `points` on a drawing of this size (px): the first of each place, so that no place that had a
 /// dot is left empty.
 #[must_use]
 pub fn thinned(points: &[(f64, f64)], width_px: f64, height_px: f64) -> Vec<(f64, f64)> {
-    let (x, y) =
-        (crate::scale::extent(points.iter().map(|p| p.0)), crate::scale::extent(points.iter().map(|p| p.1)));
-    let place = |value: f64, (low, high): (f64, f64), px: f64| {
-        let share = if high > low { (value - low) / (high - low) } else { 0.0 };
-        (share * px / PLACE_PX) as i64
-    };
-    let mut taken = HashSet::new();
-    let seen = |p: &&(f64, f64)| {
-        p.0.is_finite()
-            && p.1.is_finite()
-            && taken.insert((place(p.0, x, width_px), place(p.1, y, height_px)))
-    };
-    points.iter().filter(seen).copied().collect()
+    let x = crate::scale::extent(points.iter().map(|p| p.0));
+    let y = crate::scale::extent(points.iter().map(|p| p.1));
+    let mut few = Vec::new();
+    for place_px in PLACES_PX {
+        let place = |value: f64, (low, high): (f64, f64), px: f64| {
+            let share = if high > low { (value - low) / (high - low) } else { 0.0 };
+            (share * px / place_px) as i64
+        };
+        let mut taken = HashSet::new();
+        let finite = points.iter().filter(|p| p.0.is_finite() && p.1.is_finite());
+        let mut is_new = |p: &&(f64, f64)| taken.insert((place(p.0, x, width_px), place(p.1, y, height_px)));
+        few = finite.filter(|p| is_new(p)).copied().collect();
+        if few.len() <= MANY {
+            break;
+        }
+    }
+    few
 }
 
 /// Dots as one path of lines without length, which round ends make dots.
