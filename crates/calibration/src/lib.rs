@@ -11,6 +11,7 @@ mod error;
 pub mod gauges;
 pub mod noise;
 pub mod observability;
+pub mod plan;
 pub mod recording;
 pub mod solve;
 pub mod still;

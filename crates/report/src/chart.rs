@@ -182,12 +182,12 @@ impl Chart {
 /// As many marks as there is room (px) for their names.
 fn marked_within(over: (f64, f64), room_px: f64) -> Scale {
     const APART_PX: f64 = 14.0;
-    let scales = (2..=10).rev().map(|marks| Scale::new(over, marks));
+    let mut scales = (2..=10).rev().map(|marks| Scale::new(over, marks));
     let fits = |x: &Scale| {
         let name = text_width(&x.longest_name());
         x.marks().len() as f64 * (name + APART_PX) <= room_px - name
     };
-    scales.clone().find(fits).or(scales.last()).unwrap_or_else(|| Scale::new(over, 2))
+    scales.find(fits).unwrap_or_else(|| Scale::new(over, 2))
 }
 
 impl Part for Chart {

@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 
-use crate::commands::{calibrate, check, demo, dump, record, replay, simulate, stats, validate};
+use crate::commands::{calibrate, check, demo, dump, plan, record, replay, simulate, stats, validate};
 
 /// End-effector wrench from joint torque sensors: calibrate, check, record, replay, simulate
 #[derive(Parser, Debug)]
@@ -33,6 +33,8 @@ pub enum Command {
     Replay(replay::Args),
     /// Record live interfaces into a run directory
     Record(record::Args),
+    /// The poses and weights to record next, given what is already known
+    Plan(plan::Args),
     /// Find each gauge's actual sensing frame from recordings; write the model
     Calibrate(calibrate::Args),
     /// Score the wrench of recordings against their truth
