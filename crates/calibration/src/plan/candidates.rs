@@ -8,7 +8,7 @@ use super::{TipWrench, Weight, body};
 use crate::solve::scaled;
 
 /// Poses keep this share of each joint's range.
-const RANGE_SHARE: f64 = 0.9;
+const RANGE_SHARE: f64 = 0.95;
 
 /// Range of a joint without limits: half a turn either way, rad.
 const UNLIMITED_RAD: (f64, f64) = (-std::f64::consts::PI, std::f64::consts::PI);

@@ -46,7 +46,8 @@ fn per_newton(component: usize) -> f64 {
 /// The slow part is a first-order process: its mean over T has the variance `2/x (1 - (1 - exp(-x))/x)`, `x = T/tau`.
 fn held_share(slow_share: f64, slow_time_s: f64) -> f64 {
     let x = HOLD_S / slow_time_s.max(1e-6);
-    let slow = 2.0 / x * (1.0 - (1.0 - (-x).exp()) / x);
+    // Its beginning as a series where the difference would lose all digits.
+    let slow = if x < 1e-3 { 1.0 - x / 3.0 } else { 2.0 / x * (1.0 + (-x).exp_m1() / x) };
     (1.0 - slow_share) / (RATE_HZ * HOLD_S) + slow_share * slow
 }
 
@@ -100,6 +101,13 @@ impl GaugeState {
         p.dot(&(weighing * p)) / (self.held_counts2 + x.dot(&p))
     }
 
+    /// By how much a little of a held pose shrinks `tr(P M)`, for the whole of it.
+    #[cfg(test)]
+    pub(super) fn sensitivity(&self, x: &Regressor, weighing: &SMatrix<f64, 7, 7>) -> f64 {
+        let p = self.covariance * x;
+        p.dot(&(weighing * p)) / self.held_counts2
+    }
+
     /// Variance that the calibration brings into a reading under a load, counts^2.
     pub(super) fn variance(&self, x: &Regressor) -> f64 {
         x.dot(&(self.covariance * x))
@@ -118,6 +126,7 @@ impl GaugeState {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -6,9 +6,9 @@
 //!
 //! A held pose under a known weight loads section i by `x_i = [L_i, 1]` (about S, in S, then the bias) and is one reading of
 //! variance `s_i^2`: its information on gauge i is `x_i x_i' / s_i^2`. The criterion is the sum over a workspace of the
-//! squared trace of `cov(W)` (moments over the characteristic length), which weighs the worst poses most. As `W` is the best linear
-//! estimate, the criterion's change with the gauges' covariances is that of the fixed estimator (envelope theorem), so that one
-//! matrix a gauge tells what a candidate is worth: `x' P M P x / (s^2 + x' P x)`. Poses are added greedily, then each is
+//! squared trace of the calibration's part of `cov(W)` (moments over the characteristic length), which weighs the worst poses most;
+//! noise, which no pose takes away, is not in it. With the estimator as it is weighted so far, the criterion's change is linear in the
+//! gauges' covariances P, so that one matrix M a gauge tells what a candidate is worth: `x' P M P x / (s^2 + x' P x)`. Poses are added greedily, then each is
 //! exchanged for a better one (V. V. Fedorov, Theory of Optimal Experiments, 1972, with this criterion in place of the determinant).
 //!
 //! Not in it: errors of the arm's masses and lengths, temperature, collisions. Poses are within the joints' limits and no more.
@@ -34,10 +34,10 @@ use candidates::Candidates;
 use design::Design;
 
 /// Poses to choose from; each may be held bare or under any of the weights.
-const CANDIDATE_POSES: usize = 400;
+const CANDIDATE_POSES: usize = 600;
 
 /// No plan is longer than this, poses: each candidate is held once at most.
-pub const LONGEST: usize = CANDIDATE_POSES;
+pub const LONGEST: usize = 400;
 
 /// A sensitivity known worse than this share of a gauge's whole sensitivity is called not determined.
 const DETERMINED_TO: f64 = 0.1;
@@ -158,6 +158,24 @@ pub fn plan(
         progress,
         not_helped: not_helped(rig, &design.gauges()),
     })
+}
+
+/// What is known after these poses (rad) were held, each with nothing or a weight on the tip.
+pub fn after<'a>(
+    rig: &Rig,
+    gauges: &[GaugeState],
+    holds: impl IntoIterator<Item = (&'a [f64], Option<&'a Weight>)>,
+) -> Vec<GaugeState> {
+    let mut dynamics = Dynamics::new(&rig.chain, &rig.sections);
+    let mut gauges = gauges.to_vec();
+    for (pose_rad, weight) in holds {
+        dynamics.update_static(pose_rad);
+        let wrench = weight.map_or_else(TipWrench::zero, |weight| dynamics.payload_wrench(&body(weight)));
+        for (gauge, x) in gauges.iter_mut().zip(candidates::loaded(&dynamics, &wrench)) {
+            gauge.hold(&x);
+        }
+    }
+    gauges
 }
 
 /// Poses of one weight together, so that weights are changed as seldom as possible.

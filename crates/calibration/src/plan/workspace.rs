@@ -13,8 +13,8 @@ use super::gauge::{GaugeState, Regressor};
 use crate::solve::unscaled;
 
 /// Poses that the wrench is judged in; a tenth of them, in which noise alone is worst (near singular ones), does not count.
-const POSES: usize = 60;
-const KEPT: usize = 54;
+const POSES: usize = 120;
+const KEPT: usize = 108;
 
 /// What the environment applies while the wrench is judged, N and Nm, in changing directions.
 const FORCE_N: f64 = 5.0;
@@ -31,6 +31,8 @@ pub struct Accuracy {
     pub calibration_force_sigma_n: f64,
     /// The calibration's part of the moment's, Nm.
     pub calibration_torque_sigma_nm: f64,
+    /// The calibration's part of one force component's deviation, RMS over components and the workspace, N.
+    pub calibration_force_rms_n: f64,
 }
 
 /// One pose of the workspace.
@@ -89,6 +91,7 @@ impl Workspace {
     fn judge(&self, gauges: &[GaugeState], calibration: impl Fn(&Place, usize) -> f64) -> Accuracy {
         let mut gls = Gls::new(gauges.len());
         let mut worst = [0.0f64; 4];
+        let mut sum = 0.0;
         for place in &self.places {
             let variance = |k: usize| gauges[k].noise_counts2 + calibration(place, k);
             let found = covariance(place, &mut gls, variance);
@@ -107,6 +110,7 @@ impl Workspace {
             for (worst, rows) in worst.iter_mut().zip(largest) {
                 *worst = worst.max(rows.max());
             }
+            sum += part.fixed_rows::<3>(0).sum() / 3.0;
         }
         let [force, torque, by_force, by_torque] = worst.map(f64::sqrt);
         Accuracy {
@@ -114,6 +118,7 @@ impl Workspace {
             torque_sigma_nm: torque * CHARACTERISTIC_LENGTH_M,
             calibration_force_sigma_n: by_force,
             calibration_torque_sigma_nm: by_torque * CHARACTERISTIC_LENGTH_M,
+            calibration_force_rms_n: (sum / self.places.len().max(1) as f64).sqrt(),
         }
     }
 
@@ -125,11 +130,12 @@ impl Workspace {
             let variance = |k: usize| gauges[k].noise_counts2 + gauges[k].variance(&place.regressors[k]);
             let Some(found) = covariance(place, &mut gls, variance) else { continue };
             // d(tr^2) = 2 tr d(tr); d(tr) by a reading's variance is the square of its column of the estimator.
-            let trace = found.trace();
+            let square = |k: usize| (found * place.rows[k] / variance(k)).norm_squared();
+            let trace: f64 =
+                (0..gauges.len()).map(|k| square(k) * gauges[k].variance(&place.regressors[k])).sum();
             for (k, sum) in out.iter_mut().enumerate() {
-                let column = found * place.rows[k] / variance(k);
                 let x = &place.regressors[k];
-                *sum += x * x.transpose() * (trace * column.norm_squared());
+                *sum += x * x.transpose() * (trace * square(k));
             }
         }
         out

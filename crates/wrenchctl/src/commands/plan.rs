@@ -24,7 +24,7 @@ pub struct Args {
     #[arg(value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// Weights that can hang on the tip, as MASS@X,Y,Z;... in kg and m, tip frame [default: those of the runs, else 0.5 kg at three points]
-    #[arg(long, value_name = "M@X,Y,Z;...", value_parser = weights)]
+    #[arg(long, value_name = "M@X,Y,Z;...", value_parser = weights, allow_hyphen_values = true)]
     pub weights: Option<Weights>,
     /// Number of poses
     #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..=plan::LONGEST as i64))]
