@@ -129,8 +129,9 @@ fn with_sigma(value: Option<f64>, sigma: Option<f64>) -> Cell {
     }
 }
 
-/// Crosstalk that the calibration's own uncertainty leaves, %; none where it states no uncertainty.
+/// Crosstalk that the calibration's own uncertainty leaves, %; none where it states no uncertainty, or a direction was not seen.
 fn remaining(sensor: &Sensor) -> Option<f64> {
+    sensor.crosstalk_percent?;
     let variance = |k: usize| sensor.covariance[k][k];
     let length = CHARACTERISTIC_LENGTH_M;
     let sum: f64 = (0..5).map(|k| if k < 3 { variance(k) / (length * length) } else { variance(k) }).sum();

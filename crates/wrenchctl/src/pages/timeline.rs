@@ -9,12 +9,13 @@ pub struct Timeline {
     starts: Vec<(i64, f64, String)>,
     length_s: f64,
     current: usize,
+    last_s: f64,
 }
 
 impl Timeline {
     /// The recordings in their order.
     pub fn new<'a>(recordings: impl Iterator<Item = &'a Recording>) -> Self {
-        let mut this = Self { starts: Vec::new(), length_s: 0.0, current: 0 };
+        let mut this = Self { starts: Vec::new(), length_s: 0.0, current: 0, last_s: f64::NEG_INFINITY };
         for recording in recordings {
             let name = std::path::Path::new(&recording.name).file_name();
             let name =
@@ -39,9 +40,12 @@ impl Timeline {
     /// Which recording an instant belongs to whose clock says `t_s`; instants come in the recordings' order.
     pub fn recording_of(&mut self, instant_ns: i64, t_s: f64) -> usize {
         let begins = |k: &usize| (instant_ns - self.starts[*k].0 - (t_s * 1e9) as i64).abs() < 1_000;
-        if let Some(found) = (self.current..self.starts.len()).find(begins) {
+        // A clock that goes back is another recording's, even one of the same beginning.
+        let from = self.current + usize::from(t_s < self.last_s);
+        if let Some(found) = (from..self.starts.len()).find(begins) {
             self.current = found;
         }
+        self.last_s = t_s;
         self.current
     }
 
@@ -58,5 +62,26 @@ impl Timeline {
             }
         }
         chart
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn instants_find_their_recording_even_where_one_is_given_twice() {
+        let starts = [(1_000_000_000, 0.0), (1_000_000_000, 5.0), (9_000_000_000, 10.0)];
+        let starts = starts.map(|(start_ns, from_s)| (start_ns, from_s, "run".to_owned())).to_vec();
+        let mut line = Timeline { starts, length_s: 15.0, current: 0, last_s: f64::NEG_INFINITY };
+        let mut found = Vec::new();
+        for start_ns in [1_000_000_000, 1_000_000_000, 9_000_000_000] {
+            for t_s in [0.5, 4.9] {
+                found.push(line.recording_of(start_ns + (t_s * 1e9) as i64, t_s));
+            }
+        }
+        assert_eq!(found, [0, 0, 1, 1, 2, 2]);
+        assert_eq!(line.at(2, 1.0), 11.0);
     }
 }
