@@ -1,9 +1,8 @@
 //! Child programs: their output collected as it comes, and a deadline on every wait.
 
-use crate::{Check, Failure, IoContext, ensure};
+use crate::{Check, Failure, ensure};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -67,22 +66,12 @@ pub struct Finished {
 impl Program {
     /// Starts a command with no input and both outputs collected.
     pub fn start(command: &mut Command) -> Check<Self> {
-        Self::start_with(command, Stdio::piped())
-    }
-
-    /// Starts a command with its standard output going to a file, for those that write much.
-    pub fn start_into(command: &mut Command, path: &Path) -> Check<Self> {
-        let file = File::create(path).at("create", path)?;
-        Self::start_with(command, file.into())
-    }
-
-    fn start_with(command: &mut Command, stdout: Stdio) -> Check<Self> {
         let name =
             Path::new(command.get_program()).file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut child =
-            command.stdin(Stdio::null()).stdout(stdout).stderr(Stdio::piped()).spawn().map_err(|error| {
-                Failure::new(format!("cannot start {:?}: {error}", command.get_program()))
-            })?;
+            command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().map_err(
+                |error| Failure::new(format!("cannot start {:?}: {error}", command.get_program())),
+            )?;
         let shared = Arc::new(Shared::default());
         if let Some(pipe) = child.stdout.take() {
             collect(pipe, true, &shared);

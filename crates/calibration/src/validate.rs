@@ -61,6 +61,12 @@ pub struct Score {
     pub force_rms_percent_fs: Option<f64>,
     /// Mean squared error over reported variance of each component; null for the baselines, which report none.
     pub nees: Option<[f64; 6]>,
+    /// The published five-parameter method on the same instants; none in the scores of a baseline.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub five_parameter: Option<Box<Score>>,
+    /// No crosstalk correction, on the same instants; none in the scores of a baseline.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nominal_axes: Option<Box<Score>>,
 }
 
 /// One published instant, for `--csv`.
@@ -133,18 +139,24 @@ pub fn validate(
         let both = s[0].plus(&s[1]);
         [s[0], s[1], both].map(|s| s.score(full_scale_n, honest))
     };
-    let [still, moving, all] = scores(&sums[0], true);
     let baseline = |s: &Split| {
         let [still, moving, all] = scores(s, false);
         Baseline { still, moving, all }
     };
+    let (five_parameter, nominal_axes) = (baseline(&sums[1]), baseline(&sums[2]));
+    let [still, moving, all] = scores(&sums[0], true);
+    let beside = |own: Score, of: fn(&Baseline) -> &Score| Score {
+        five_parameter: Some(Box::new(of(&five_parameter).clone())),
+        nominal_axes: Some(Box::new(of(&nominal_axes).clone())),
+        ..own
+    };
     Ok(Validation {
         format: 1,
-        still,
-        moving,
-        all,
-        five_parameter: baseline(&sums[1]),
-        nominal_axes: baseline(&sums[2]),
+        still: beside(still, |b| &b.still),
+        moving: beside(moving, |b| &b.moving),
+        all: beside(all, |b| &b.all),
+        five_parameter,
+        nominal_axes,
         full_scale_n,
         invalid,
         status,
@@ -197,6 +209,7 @@ impl Sums {
             torque_rms_all_nm: Some(rms_of_three(3)),
             force_rms_percent_fs: (full_scale_n > 0.0).then(|| 100.0 * rms_of_three(0) / full_scale_n),
             nees: honest.then(|| self.normalised.map(|v| v / n)),
+            ..Score::default()
         }
     }
 }

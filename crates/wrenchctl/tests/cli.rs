@@ -171,6 +171,66 @@ fn bad_inputs_are_refused_with_what_to_do() {
 }
 
 #[test]
+fn what_would_count_twice_overwrite_or_mix_is_refused() {
+    let folder = Folder::new();
+    let run = simulate(&folder, "run", &["--motion", "calibration"]);
+    let (run, model) = (run.to_str().unwrap(), folder.path("model.toml"));
+    refused(&["calibrate", run, run, "--out", &model], &["run", "given twice"]);
+    let config = format!("{run}/arm.toml");
+    let before = std::fs::read(&config).unwrap();
+    refused(&["calibrate", run, "--out", &config], &["arm.toml", "one of the inputs"]);
+    assert_eq!(std::fs::read(&config).unwrap(), before);
+    refused(&["calibrate", run, "--out", "-", "--json", "-"], &["2 results", "standard output"]);
+    refused(&["validate", run, "--model", &model, "--csv", "-", "--json", "-"], &["2 results"]);
+    assert!(!Path::new(&model).exists());
+    refused(&["check", "/dev/zero"], &["/dev/zero", "larger than 64 MiB"]);
+}
+
+#[test]
+fn validate_scores_the_baselines_beside_each_score() {
+    let folder = Folder::new();
+    let model = folder.path("model.toml");
+    let run = simulate(&folder, "run", &["--motion", "calibration"]);
+    let run = run.to_str().unwrap();
+    assert_eq!(wrenchctl(&["calibrate", run, "--out", &model]).status.code(), Some(0));
+    let output = wrenchctl(&["validate", run, "--model", &model, "--json", "-"]);
+    let scores: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    for part in ["still", "moving", "all"] {
+        let own = scores[part]["force_rms_all_n"].as_f64().unwrap();
+        for baseline in ["five_parameter", "nominal_axes"] {
+            let beside = scores[part][baseline]["force_rms_all_n"].as_f64().unwrap();
+            assert!(beside > own, "{part} {baseline}: {beside} {own}");
+            assert_eq!(scores[baseline][part]["force_rms_all_n"].as_f64(), Some(beside));
+        }
+    }
+    assert_eq!(scores["still"]["nees"].as_array().unwrap().len(), 6);
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_simulation_leaves_nothing() {
+    let folder = Folder::new();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_wrenchctl"))
+        .args(["simulate", "--config", ARM, "--motion", "calibration", "--rate", "1000"])
+        .args(["--out", &folder.path("run")])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    while folder.names().is_empty() {
+        assert!(child.try_wait().unwrap().is_none(), "it was done before it could be interrupted");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    // The shell's own kill: a bare system has no other.
+    let killed = Command::new("sh").args(["-c", &format!("kill -INT {}", child.id())]).status().unwrap();
+    assert!(killed.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("interrupted; nothing was left behind"));
+    assert_eq!(folder.names(), Vec::<String>::new());
+}
+
+#[test]
 fn bad_arguments_are_refused_by_name() {
     for (args, part) in [
         (vec!["dump", LOG, "--seconds", "0"], "above 0"),

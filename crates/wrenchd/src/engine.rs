@@ -47,6 +47,11 @@ impl Now {
     pub const fn simulated(time_ns: i64) -> Self {
         Self { realtime_ns: time_ns, monotonic_ns: time_ns }
     }
+
+    /// The time so many nanoseconds ago.
+    pub const fn earlier(self, by_ns: i64) -> Self {
+        Self { realtime_ns: self.realtime_ns - by_ns, monotonic_ns: self.monotonic_ns - by_ns }
+    }
 }
 
 /// An estimate as it arrived.

@@ -166,9 +166,20 @@ impl Arm {
         text.lines().skip(1).map(row).collect()
     }
 
-    /// The daemon with this arm, listening on vcan0; it records what it receives where that is asked for.
+    /// Starts the daemon with this arm and its model; it listens when this returns.
     pub(crate) fn daemon(&self, guest: &Guest, record: Option<&Path>) -> Check<Program> {
-        let mut command = Command::new(&programs()?.wrenchd);
+        self.start(guest, record, Command::new(&programs()?.wrenchd))
+    }
+
+    /// The same without real-time rights and in the kernel's batch class: it does not interrupt whoever sends, and reads what has come meanwhile.
+    pub(crate) fn daemon_in_batches(&self, guest: &Guest, record: Option<&Path>) -> Check<Program> {
+        let mut command = Command::new("setpriv");
+        command.args(["--bounding-set", "-sys_nice", "--inh-caps", "-sys_nice"]);
+        command.args(["chrt", "--batch", "0"]).arg(&programs()?.wrenchd);
+        self.start(guest, record, command)
+    }
+
+    fn start(&self, guest: &Guest, record: Option<&Path>, mut command: Command) -> Check<Program> {
         command.arg("--config").arg(&self.config).arg("--model").arg(&self.model);
         if let Some(log) = record {
             command.arg("--record").arg(log);

@@ -51,7 +51,7 @@ pub fn write_run(
     scenario: &Scenario,
     options: Options,
     notes: &Notes,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut dyn FnMut(f64) -> bool,
 ) -> Result<(), SimError> {
     let simulator = Simulator::new(rig, truth.clone(), scenario, options)?;
     let name = run_name(dir)?;
@@ -125,7 +125,7 @@ fn write_log(
     file: &Path,
     interfaces: &[String],
     mut simulator: Simulator,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut dyn FnMut(f64) -> bool,
 ) -> Result<(), SimError> {
     let mut log = LogWriter::create(file, interfaces, StampDigits::Micros)?;
     let mut until_report = 0;
@@ -133,7 +133,9 @@ fn write_log(
         log.frame(&stamped)?;
         if until_report == 0 {
             until_report = FRAMES_PER_REPORT;
-            progress(simulator.progress());
+            if !progress(simulator.progress()) {
+                return Err(SimError::Interrupted);
+            }
         }
         until_report -= 1;
     }

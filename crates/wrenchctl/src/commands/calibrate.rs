@@ -55,8 +55,14 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
         AxesArg::Five => Axes::Five,
         AxesArg::Full => Axes::Full,
     };
+    let inputs = inputs(&runs)?;
+    let written = [Some(&args.out), args.json.as_ref(), args.report.as_ref()];
+    for path in written.into_iter().flatten() {
+        output::refuse_to_overwrite(path, inputs.iter().map(|input| Path::new(&input.file)))?;
+    }
+    output::one_at_most_to_stdout(written)?;
     let date = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
-    let result = calibration::calibrate(&rig, &recordings, axes, inputs(&runs)?, &date[..10])?;
+    let result = calibration::calibrate(&rig, &recordings, axes, inputs, &date[..10])?;
     let page = args
         .report
         .as_ref()
@@ -72,8 +78,7 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     for warning in &result.warnings {
         output::note(format_args!("{warning}"));
     }
-    let to_stdout = [Some(&args.out), args.json.as_ref(), args.report.as_ref()];
-    if !to_stdout.contains(&Some(&PathBuf::from("-"))) {
+    if !written.contains(&Some(&PathBuf::from("-"))) {
         let mut out = output::stdout();
         summary(&result, &args.out, &mut out)?;
         out.flush()?;
@@ -84,6 +89,15 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
 /// The runs in these directories, all of one robot.
 pub fn load_runs(dirs: &[PathBuf]) -> Result<Vec<Run>, Error> {
     let runs = dirs.iter().map(|dir| Run::load(dir)).collect::<Result<Vec<_>, _>>()?;
+    for (at, run) in runs.iter().enumerate() {
+        let real = |run: &Run| std::fs::canonicalize(&run.log).ok();
+        if runs[..at].iter().any(|other| real(other).is_some() && real(other) == real(run)) {
+            let dir = run.dir.display();
+            return Err(Error::usage(format!(
+                "{dir}: its log is given twice and would count twice; give it once"
+            )));
+        }
+    }
     let Some((first, others)) = runs.split_first() else {
         return Err(Error::usage("no run directory given"));
     };

@@ -46,6 +46,7 @@ fn positive(text: &str) -> Result<f64, String> {
 
 /// Scores, and prints the table.
 pub fn run(args: Args) -> Result<Outcome, Error> {
+    output::one_at_most_to_stdout([args.csv.as_ref(), args.json.as_ref(), args.report.as_ref()])?;
     let runs = load_runs(&args.runs)?;
     let rig = Rig::load(runs[0].config.clone())?;
     let model = ModelFile::load(&args.model, &rig)?;
