@@ -4,11 +4,16 @@ use model::sensing::CHARACTERISTIC_LENGTH_M;
 use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 use rig::model_file::Sensor;
 
+use crate::still::LOST_S;
+
 /// Loads (N, moments over the characteristic length) and the bias's one: what a reading is linear in.
 pub(super) type Regressor = SVector<f64, 7>;
 
 /// How long a planned pose is held, s.
 pub const HOLD_S: f64 = 1.0;
+
+/// How long the arm counts as still of it: instants near a move do not.
+const STILL_S: f64 = HOLD_S - 2.0 * LOST_S;
 
 /// Readings of a gauge a second that are assumed; more help little, as a part of the noise is slow.
 const RATE_HZ: f64 = 50.0;
@@ -45,10 +50,10 @@ fn per_newton(component: usize) -> f64 {
 ///
 /// The slow part is a first-order process: its mean over T has the variance `2/x (1 - (1 - exp(-x))/x)`, `x = T/tau`.
 fn held_share(slow_share: f64, slow_time_s: f64) -> f64 {
-    let x = HOLD_S / slow_time_s.max(1e-6);
+    let x = STILL_S / slow_time_s.max(1e-6);
     // Its beginning as a series where the difference would lose all digits.
     let slow = if x < 1e-3 { 1.0 - x / 3.0 } else { 2.0 / x * (1.0 + (-x).exp_m1() / x) };
-    (1.0 - slow_share) / (RATE_HZ * HOLD_S) + slow_share * slow
+    (1.0 - slow_share) / (RATE_HZ * STILL_S) + slow_share * slow
 }
 
 impl GaugeState {
@@ -85,6 +90,14 @@ impl GaugeState {
     #[must_use]
     pub fn sensing_as(self, other: &Self) -> Self {
         Self { covariance: self.covariance, ..*other }
+    }
+
+    /// A square root of the covariance of the sensitivities.
+    pub(super) fn compliance_root(&self) -> Matrix6<f64> {
+        let eigen = self.covariance.fixed_view::<6, 6>(0, 0).into_owned().symmetric_eigen();
+        // Rounding may leave a variance of nothing below zero.
+        let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
+        eigen.eigenvectors * Matrix6::from_diagonal(&roots)
     }
 
     /// After one more held pose (Sherman, Morrison).
@@ -152,14 +165,14 @@ mod tests {
 
     #[test]
     fn the_mean_over_a_hold_has_the_variance_of_its_noise() {
-        assert!((held_share(0.0, 0.2) - 1.0 / 50.0).abs() < 1e-15, "white noise averages");
+        assert!((held_share(0.0, 0.2) - 1.0 / (RATE_HZ * STILL_S)).abs() < 1e-15, "white noise averages");
         assert!((held_share(1.0, 1e6) - 1.0).abs() < 1e-6, "what does not change in a hold stays");
         // The same as a double sum over many instants of exp(-|t - s| / tau).
         let n = 2000;
         let tau = 0.2;
         let sum: f64 = (0..n)
             .flat_map(|i| {
-                (0..n).map(move |k| (-(f64::from(i - k).abs()) / f64::from(n) * HOLD_S / tau).exp())
+                (0..n).map(move |k| (-(f64::from(i - k).abs()) / f64::from(n) * STILL_S / tau).exp())
             })
             .sum();
         assert!((sum / f64::from(n * n) - held_share(1.0, tau)).abs() < 1e-3);

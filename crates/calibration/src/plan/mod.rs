@@ -5,11 +5,17 @@
 //! ```
 //!
 //! A held pose under a known weight loads section i by `x_i = [L_i, 1]` (about S, in S, then the bias) and is one reading of
-//! variance `s_i^2`: its information on gauge i is `x_i x_i' / s_i^2`. The criterion is the sum over a workspace of the
-//! squared trace of the calibration's part of `cov(W)` (moments over the characteristic length), which weighs the worst poses most;
-//! noise, which no pose takes away, is not in it. With the estimator as it is weighted so far, the criterion's change is linear in the
-//! gauges' covariances P, so that one matrix M a gauge tells what a candidate is worth: `x' P M P x / (s^2 + x' P x)`. Poses are added greedily, then each is
-//! exchanged for a better one (V. V. Fedorov, Theory of Optimal Experiments, 1972, with this criterion in place of the determinant).
+//! variance `s_i^2`: its information on gauge i is `x_i x_i' / s_i^2`. The criterion is the mean over a workspace of the trace of the
+//! calibration's part of `cov(W)` (moments over the characteristic length); noise, which no pose takes away, is not in it. The squared
+//! trace, which weighs the worst places more, leaves more in all of them and, from some twenty poses up, in the worst as well. With the
+//! estimator as it is weighted so far, the criterion's change is linear in the gauges' covariances P, so that one matrix M a gauge tells
+//! what a candidate is worth: `x' P M P x / (s^2 + x' P x)`. Poses are added greedily, then each is exchanged for a better one (V. V.
+//! Fedorov, Theory of Optimal Experiments, 1972, with this criterion in place of the determinant) and moved joint by joint to its best.
+//!
+//! How much there is to gain: on the example arm tilted by 45 degrees, 12 planned poses are worth some 20 random ones and 24 some 37 where
+//! one mass hangs at three points, and no poses whatever would be worth more than a few per cent beyond that (24 of them have at least
+//! 0.96 of this criterion, by the bound of Kiefer and Wolfowitz; 48 random ones have 0.72). Where there are masses to choose from,
+//! they are worth twice as many random ones under random ones of these.
 //!
 //! Not in it: errors of the arm's masses and lengths, temperature, collisions. Poses are within the joints' limits and no more.
 
@@ -119,7 +125,7 @@ pub fn plan(
 ) -> Result<Plan, Error> {
     let mut dynamics = Dynamics::new(&rig.chain, &rig.sections);
     let workspace = Workspace::new(rig, gauges, &mut dynamics, seed);
-    let candidates = Candidates::new(rig, weights, &mut dynamics, CANDIDATE_POSES, seed);
+    let candidates = Candidates::new(rig, weights, CANDIDATE_POSES, seed);
     let noise_alone = workspace.noise_alone(gauges);
     if let Goal::ForceSigma(wanted_n) = goal
         && noise_alone.force_sigma_n >= wanted_n
@@ -130,14 +136,12 @@ pub fn plan(
         );
         return Err(Error::data(rig.config.file.display(), problem));
     }
-    let mut design = Design::new(gauges, &candidates, &workspace);
+    let mut design = Design::new(gauges, candidates, &workspace);
     let reached = |accuracy: &Accuracy, poses: usize| match goal {
         Goal::Count(count) => poses >= count.min(LONGEST),
         Goal::ForceSigma(wanted_n) => accuracy.force_sigma_n <= wanted_n,
     };
-    design.grow(&reached);
-    design.exchange();
-    let progress = design.order(&reached);
+    let progress = design.find(&reached);
     let after = progress.last().copied().unwrap_or_else(|| workspace.accuracy(gauges));
     if !reached(&after, progress.len()) {
         let problem = format!(
@@ -151,7 +155,7 @@ pub fn plan(
         format: 1,
         hold_s: HOLD_S,
         joints: rig.chain.coordinate_names().into_iter().map(str::to_owned).collect(),
-        poses: grouped(&design, &candidates, weights),
+        poses: grouped(&design, weights),
         before: workspace.accuracy(gauges),
         after,
         noise_alone,
@@ -179,7 +183,8 @@ pub fn after<'a>(
 }
 
 /// Poses of one weight together, so that weights are changed as seldom as possible.
-fn grouped(design: &Design, candidates: &Candidates, weights: &[Weight]) -> Vec<PlannedPose> {
+fn grouped(design: &Design, weights: &[Weight]) -> Vec<PlannedPose> {
+    let candidates = design.candidates();
     let mut ranked: Vec<(usize, usize)> = design.chosen().iter().copied().enumerate().collect();
     ranked.sort_by_key(|(rank, chosen)| (candidates.weight(*chosen), *rank));
     ranked

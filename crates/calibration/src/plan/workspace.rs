@@ -4,6 +4,9 @@ use model::dynamics::Dynamics;
 use model::estimator::Gls;
 use model::sensing::CHARACTERISTIC_LENGTH_M;
 use nalgebra::{Matrix6, SMatrix, Vector6};
+use rand::SeedableRng;
+use rand::rngs::StdRng;
+use rand_distr::{Distribution, StandardNormal};
 use rig::Rig;
 use serde::Serialize;
 
@@ -49,24 +52,26 @@ pub struct Workspace {
 }
 
 impl Workspace {
-    /// For gauges whose sensitivities are more or less those of `gauges`.
+    /// For gauges of which so much is known: in each place others that are as likely, so that a plan for gauges that nobody
+    /// has calibrated does not rely on their being what they were meant to be.
     pub fn new(rig: &Rig, gauges: &[GaugeState], dynamics: &mut Dynamics, seed: u64) -> Self {
         // Not the candidates' own poses: a plan must not be judged only where it looks.
         let poses = spread_poses(rig, POSES, seed.wrapping_add(0x5EED));
+        let roots: Vec<Matrix6<f64>> = gauges.iter().map(GaugeState::compliance_root).collect();
+        let mut rng = StdRng::seed_from_u64(seed);
         let mut places: Vec<Place> = poses
             .iter()
             .enumerate()
             .map(|(k, pose)| {
                 dynamics.update_static(pose);
-                let sign = if (k / 3) % 2 == 0 { 1.0 } else { -1.0 };
-                let mut wrench = Vector6::zeros();
-                wrench[k % 3] = sign * FORCE_N;
-                wrench[3 + (k + 1) % 3] = sign * MOMENT_NM;
-                let rows = gauges.iter().enumerate().map(|(gauge, state)| {
-                    let row = dynamics.row_to_tip(gauge, &unscaled(&state.compliance));
+                let rows = gauges.iter().zip(&roots).enumerate().map(|(gauge, (state, root))| {
+                    let drawn =
+                        state.compliance + root * Vector6::from_fn(|_, _| StandardNormal.sample(&mut rng));
+                    let row = dynamics.row_to_tip(gauge, &unscaled(&drawn));
                     Vector6::from_fn(|c, _| if c < 3 { row[c] } else { row[c] * CHARACTERISTIC_LENGTH_M })
                 });
-                Place { rows: rows.collect(), regressors: loaded(dynamics, &TipWrench::from_vector(&wrench)) }
+                let rows = rows.collect();
+                Place { rows, regressors: loaded(dynamics, &TipWrench::from_vector(&push(k))) }
             })
             .collect();
         let mut gls = Gls::new(gauges.len());
@@ -129,17 +134,23 @@ impl Workspace {
         for place in &self.places {
             let variance = |k: usize| gauges[k].noise_counts2 + gauges[k].variance(&place.regressors[k]);
             let Some(found) = covariance(place, &mut gls, variance) else { continue };
-            // d(tr^2) = 2 tr d(tr); d(tr) by a reading's variance is the square of its column of the estimator.
-            let square = |k: usize| (found * place.rows[k] / variance(k)).norm_squared();
-            let trace: f64 =
-                (0..gauges.len()).map(|k| square(k) * gauges[k].variance(&place.regressors[k])).sum();
+            // The derivative of the trace by a reading's variance is the square of its column of the estimator.
             for (k, sum) in out.iter_mut().enumerate() {
                 let x = &place.regressors[k];
-                *sum += x * x.transpose() * (trace * square(k));
+                *sum += x * x.transpose() * (found * place.rows[k] / variance(k)).norm_squared();
             }
         }
         out
     }
+}
+
+/// What the environment applies in the k-th place.
+fn push(k: usize) -> Vector6<f64> {
+    let sign = if (k / 3) % 2 == 0 { 1.0 } else { -1.0 };
+    let mut wrench = Vector6::zeros();
+    wrench[k % 3] = sign * FORCE_N;
+    wrench[3 + (k + 1) % 3] = sign * MOMENT_NM;
+    wrench
 }
 
 /// Covariance of the wrench, moments over the characteristic length, N^2; none where the gauges do not determine it.
