@@ -56,13 +56,18 @@ impl<'a> Design<'a> {
     /// The fewest poses found that reach enough, or as many as there may be; how well the wrench is known after each.
     pub(super) fn find(&mut self, reached: &impl Fn(&Accuracy, usize) -> bool) -> Vec<Accuracy> {
         self.grow(reached);
+        let enough =
+            |progress: &[Accuracy]| progress.last().is_some_and(|last| reached(last, progress.len()));
         let mut progress = self.order(reached);
+        if !enough(&progress) {
+            return progress;
+        }
         for _ in 0..ROUNDS {
             let before = self.chosen.clone();
             self.exchange();
             let better = self.order(reached);
             // Exchanges look at the whole workspace: where its worst place is asked for they may fail.
-            if !better.last().is_some_and(|last| reached(last, better.len())) {
+            if !enough(&better) {
                 self.chosen = before;
                 break;
             }
