@@ -12,6 +12,60 @@ const BETWEEN_PX: f64 = 9.0;
 /// Breadth of the drawing, px.
 const BREADTH_PX: f64 = 500.0;
 
+/// Where the longest bar is so many times the shortest, the shorter ones could not be told apart: the axis is a logarithmic one.
+const LOGARITHMIC_FROM: f64 = 50.0;
+
+/// The axis of the bars, linear in a value or in its decimal logarithm.
+struct Axis {
+    scale: Scale,
+    logarithmic: bool,
+}
+
+impl Axis {
+    fn new(values: &[f64], left: f64, right: f64) -> Self {
+        let (low, high) = extent(values.iter().copied());
+        let logarithmic = low > 0.0 && high >= LOGARITHMIC_FROM * low;
+        if logarithmic {
+            // A whole decade below the shortest bar or a part of it, so that it has a length.
+            let scale = Scale::new(((0.7 * low).log10().floor(), high.log10()), 4).onto(left, right);
+            return Self { scale, logarithmic };
+        }
+        let (low, high) = extent(values.iter().copied().chain([0.0]));
+        let left = left + if low < 0.0 { 58.0 } else { 0.0 };
+        Self { scale: Scale::new((low, high), 4).onto(left, right), logarithmic }
+    }
+
+    /// Where a value is drawn, px.
+    fn at(&self, value: f64) -> f64 {
+        self.scale.at(if self.logarithmic { value.log10() } else { value })
+    }
+
+    /// Where bars begin, px.
+    fn begin(&self) -> f64 {
+        if self.logarithmic { self.scale.at_low() } else { self.scale.at(0.0) }
+    }
+
+    /// Places (px) and names of the marks.
+    fn marks(&self) -> Vec<(f64, String)> {
+        let marks = self.scale.marks().into_iter();
+        if self.logarithmic {
+            // Whole decades only.
+            let whole = marks.filter(|m| (m - m.round()).abs() < 1e-6);
+            return whole.map(|m| (self.scale.at(m), decade(m.round() as i32))).collect();
+        }
+        marks.map(|m| (self.scale.at(m), self.scale.name(m))).collect()
+    }
+}
+
+/// A power of ten as a mark is called.
+fn decade(power: i32) -> String {
+    match power {
+        0..=6 => format!("{:.0}", 10f64.powi(power)),
+        -4..0 => format!("{:.*}", power.unsigned_abs() as usize, 10f64.powi(power)),
+        _ => format!("1e{power}").replace('-', "\u{2212}"),
+    }
+}
+
 /// Groups of horizontal bars.
 #[derive(Clone, Debug)]
 pub struct Bars {
@@ -46,20 +100,21 @@ impl Bars {
 
     fn draw(&self) -> String {
         let values = self.rows.iter().flat_map(|(_, values)| values.iter().flatten().copied());
-        let (low, high) = extent(values.chain([0.0]));
+        let values: Vec<f64> = values.filter(|v| v.is_finite()).collect();
         let longest = self.rows.iter().map(|(name, _)| text_width(&short(name, 28))).fold(0.0, f64::max);
         // Values stand behind their bars.
         let (left, right) = (longest + 8.0, BREADTH_PX - 66.0);
-        let x = Scale::new((low, high), 4).onto(left + if low < 0.0 { 58.0 } else { 0.0 }, right);
+        let x = Axis::new(&values, left, right);
         let group = self.series.len() as f64 * BAR_PX + BETWEEN_PX;
         let height = self.rows.len() as f64 * group + 38.0;
         let bottom = height - 34.0;
         let mut canvas = Canvas::default();
-        for mark in x.marks() {
-            canvas.line((x.at(mark), 0.0), (x.at(mark), bottom), "grid-line");
-            canvas.text((x.at(mark), bottom + 16.0), &x.name(mark), "m c");
+        for (at, name) in x.marks() {
+            canvas.line((at, 0.0), (at, bottom), "grid-line");
+            canvas.text((at, bottom + 16.0), &name, "m c");
         }
-        canvas.text((right, bottom + 31.0), &self.unit, "m e");
+        let kind = if x.logarithmic { ", logarithmic" } else { "" };
+        canvas.text((right, bottom + 31.0), &format!("{}{kind}", self.unit), "m e");
         for (k, (name, values)) in self.rows.iter().enumerate() {
             let top = k as f64 * group + BETWEEN_PX / 2.0;
             let middle = top + (group - BETWEEN_PX) / 2.0 + 4.0;
@@ -67,8 +122,8 @@ impl Bars {
             for (i, series) in self.series.iter().enumerate() {
                 let y = top + i as f64 * BAR_PX;
                 let value = values.get(i).copied().flatten().filter(|v| v.is_finite());
-                let from = x.at(0.0);
-                let to = x.at(value.unwrap_or(0.0));
+                let from = x.begin();
+                let to = value.map_or(from, |v| x.at(v));
                 let words =
                     format!("{name}, {series}: {} {}", number(value.unwrap_or(f64::NAN), 4), self.unit);
                 let place = [from.min(to), y + 1.0, (to - from).abs(), BAR_PX - 2.0];
@@ -80,7 +135,7 @@ impl Bars {
                 }
             }
         }
-        canvas.line((x.at(0.0), 0.0), (x.at(0.0), bottom), "axis");
+        canvas.line((x.begin(), 0.0), (x.begin(), bottom), "axis");
         canvas.finish(BREADTH_PX, height, &format!("{}, {}", self.title, self.unit))
     }
 }
@@ -112,5 +167,15 @@ mod tests {
             assert!(html.contains(said), "{said} is not in {html}");
         }
         assert!(!html.contains("width=\"-"), "{html}");
+        assert!(!html.contains("logarithmic"), "{html}");
+    }
+
+    #[test]
+    fn what_is_a_hundred_times_smaller_has_a_bar_to_see() {
+        let axis = Axis::new(&[0.3, 120.0, 12.0], 40.0, 440.0);
+        assert!(axis.logarithmic && axis.at(0.3) - axis.begin() > 20.0 && axis.at(120.0) <= 440.0);
+        let names: Vec<String> = axis.marks().into_iter().map(|(_, name)| name).collect();
+        assert_eq!(names, ["0.1", "1", "10", "100"]);
+        assert!(!Axis::new(&[0.0, 120.0], 40.0, 440.0).logarithmic, "nothing has no logarithm");
     }
 }

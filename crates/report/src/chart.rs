@@ -196,7 +196,11 @@ impl Part for Chart {
             .series
             .iter()
             .map(|(name, ink, data)| {
-                let mark = if matches!(data, Data::Band(_)) { Mark::Area } else { Mark::Line };
+                let mark = match data {
+                    Data::Line(_) => Mark::Line,
+                    Data::Dots(_) => Mark::Dots,
+                    Data::Band(_) => Mark::Area,
+                };
                 (name.clone(), *ink, mark)
             })
             .collect();

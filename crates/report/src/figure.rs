@@ -7,6 +7,8 @@ use crate::svg::Ink;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Mark {
     Line,
+    Dashed,
+    Dots,
     Area,
 }
 
@@ -26,8 +28,13 @@ pub(crate) fn write(
     if legend.len() > 1 {
         out.push_str("<div class=\"legend\">");
         for (name, ink, mark) in legend {
-            let area = if *mark == Mark::Area { " area" } else { "" };
-            out.push_str(&format!("<span><i class=\"{}{area}\"></i>{}</span>", ink.fill(), escape(name)));
+            let kind = match mark {
+                Mark::Line => "",
+                Mark::Dashed => " gaps",
+                Mark::Dots => " dot",
+                Mark::Area => " area",
+            };
+            out.push_str(&format!("<span><i class=\"{}{kind}\"></i>{}</span>", ink.fill(), escape(name)));
         }
         out.push_str("</div>\n");
     }

@@ -42,6 +42,11 @@ impl Scale {
         self.from + (value - self.low) / (self.high - self.low) * (self.to - self.from)
     }
 
+    /// Where the axis begins, px.
+    pub(crate) fn at_low(&self) -> f64 {
+        self.from
+    }
+
     /// The values of the marks.
     pub(crate) fn marks(&self) -> Vec<f64> {
         let first = (self.low / self.step - 1e-6).ceil() as i64;

@@ -32,7 +32,7 @@ pub struct Scene {
     lines: Vec<(Vec<[f64; 3]>, Ink, Stroke)>,
     points: Vec<[f64; 3]>,
     names: Vec<([f64; 3], String)>,
-    legend: Vec<(String, Ink)>,
+    legend: Vec<(String, Ink, Mark)>,
     half_width_m: Option<f64>,
 }
 
@@ -91,9 +91,14 @@ impl Scene {
         self.names.push((point_m, name.into()));
     }
 
-    /// Adds an entry to the legend.
-    pub fn explain(&mut self, name: impl Into<String>, ink: Ink) {
-        self.legend.push((name.into(), ink));
+    /// Adds an entry to the legend, for lines of this kind.
+    pub fn explain(&mut self, name: impl Into<String>, ink: Ink, stroke: Stroke) {
+        let mark = match stroke {
+            Stroke::Dashed => Mark::Dashed,
+            Stroke::Body => Mark::Area,
+            Stroke::Plain | Stroke::Thin => Mark::Line,
+        };
+        self.legend.push((name.into(), ink, mark));
     }
 
     /// How far apart two points (m) appear from where the scene is seen, m.
@@ -159,8 +164,7 @@ impl Scene {
 
 impl Part for Scene {
     fn write(&self, out: &mut String) {
-        let legend: Vec<_> = self.legend.iter().map(|(name, ink)| (name.clone(), *ink, Mark::Line)).collect();
-        figure::write(out, &self.title, &self.remark, &legend, &self.draw());
+        figure::write(out, &self.title, &self.remark, &self.legend, &self.draw());
     }
 }
 

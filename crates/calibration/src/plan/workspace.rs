@@ -146,7 +146,7 @@ impl Workspace {
 
 /// What the environment applies in the k-th place.
 fn push(k: usize) -> Vector6<f64> {
-    let sign = if (k / 3) % 2 == 0 { 1.0 } else { -1.0 };
+    let sign = if (k / 3).is_multiple_of(2) { 1.0 } else { -1.0 };
     let mut wrench = Vector6::zeros();
     wrench[k % 3] = sign * FORCE_N;
     wrench[3 + (k + 1) % 3] = sign * MOMENT_NM;

@@ -85,9 +85,9 @@ fn axes(scene: &mut Scene, frame: &Pose, actual: Option<ActualFrame>, length_m: 
 }
 
 fn explain(scene: &mut Scene) {
-    scene.explain("nominal axis", NOMINAL);
-    scene.explain("actual axis", ACTUAL);
-    scene.explain("arm", Ink::Series(0));
+    scene.explain("nominal axis", NOMINAL, Stroke::Dashed);
+    scene.explain("actual axis", ACTUAL, Stroke::Plain);
+    scene.explain("arm", Ink::Series(0), Stroke::Body);
 }
 
 /// A cross on the ground through the origin, x and y.
