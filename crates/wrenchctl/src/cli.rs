@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    calibrate, check, daemon, demo, dump, monitor, record, replay, simulate, stats, validate,
+    calibrate, check, daemon, demo, dump, monitor, plan, record, replay, simulate, stats, validate,
 };
 
 /// End-effector wrench from joint torque sensors: calibrate, check, record, replay, simulate
@@ -35,6 +35,8 @@ pub enum Command {
     Replay(replay::Args),
     /// Record live interfaces into a run directory
     Record(record::Args),
+    /// The poses and weights to record next, given what is already known
+    Plan(plan::Args),
     /// Live terminal view of a running daemon: wrench, gauges, health
     Monitor(monitor::Args),
     /// Show a running daemon's state; exit status 1 without a valid wrench

@@ -12,6 +12,7 @@ pub mod error;
 pub mod input;
 pub mod live;
 pub mod output;
+pub mod pages;
 pub mod progress;
 pub mod run_dir;
 

@@ -10,6 +10,7 @@ use rig::model_file::Input;
 use rig::{Rig, Run};
 
 use crate::output::{self, Side, Table};
+use crate::pages;
 use crate::progress::Progress;
 use crate::{Error, Outcome};
 
@@ -28,6 +29,9 @@ pub struct Args {
     /// Also write the result as JSON; - is standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Also write a report to look at: one HTML page
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
 }
 
 /// What to find of each gauge.
@@ -52,18 +56,29 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
         AxesArg::Full => Axes::Full,
     };
     let inputs = inputs(&runs)?;
-    output::refuse_to_overwrite(&args.out, inputs.iter().map(|input| Path::new(&input.file)))?;
-    output::one_at_most_to_stdout([Some(&args.out), args.json.as_ref()])?;
+    let written = [Some(&args.out), args.json.as_ref(), args.report.as_ref()];
+    for path in written.into_iter().flatten() {
+        output::refuse_to_overwrite(path, inputs.iter().map(|input| Path::new(&input.file)))?;
+    }
+    output::one_at_most_to_stdout(written)?;
     let date = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
     let result = calibration::calibrate(&rig, &recordings, axes, inputs, &date[..10])?;
+    let page = args
+        .report
+        .as_ref()
+        .map(|_| pages::calibration::page(&result, &rig, &runs, &recordings))
+        .transpose()?;
     output::write_file(&args.out, result.model.to_toml().as_bytes())?;
+    if let (Some(path), Some(page)) = (&args.report, page) {
+        output::write_file(path, page.html().as_bytes())?;
+    }
     if let Some(path) = &args.json {
         output::write_json(path, &result.report)?;
     }
     for warning in &result.warnings {
         output::note(format_args!("{warning}"));
     }
-    if args.json.as_deref() != Some(Path::new("-")) && args.out != Path::new("-") {
+    if !written.contains(&Some(&PathBuf::from("-"))) {
         let mut out = output::stdout();
         summary(&result, &args.out, &mut out)?;
         out.flush()?;

@@ -6,6 +6,7 @@ pub mod daemon;
 pub mod demo;
 pub mod dump;
 pub mod monitor;
+pub mod plan;
 pub mod record;
 pub mod replay;
 pub mod simulate;
@@ -33,6 +34,7 @@ pub fn run(command: Command) -> Result<Outcome, Error> {
         Command::Stats(args) => stats::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Record(args) => record::run(args),
+        Command::Plan(args) => plan::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Validate(args) => validate::run(args),
     }
