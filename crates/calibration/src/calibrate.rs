@@ -36,6 +36,9 @@ pub struct Calibration {
     pub report: Report,
     /// What a person should know, one line each.
     pub warnings: Vec<String>,
+    /// Where the arm was estimated with the gauges: what is left of each gauge's readings as a mean over each held pose of the
+    /// dataset, counts: `[gauge][window]`.
+    pub left_counts: Option<Vec<Vec<Option<f64>>>>,
 }
 
 /// `wrenchctl calibrate --json`.
@@ -161,7 +164,8 @@ pub fn calibrate(
     };
     let mut warnings = warnings(&dataset, &gauges, &names, recordings);
     warnings.extend(joint.iter().flat_map(|joint| joint.summary(&names)));
-    Ok(Calibration { model, report, warnings })
+    let left_counts = joint.map(|joint| joint.left_counts(dataset.windows.len()));
+    Ok(Calibration { model, report, warnings, left_counts })
 }
 
 fn sensor(name: &str, section: &str, index: usize, gauge: &Gauge, remedies: &Remedies) -> Sensor {

@@ -24,6 +24,23 @@ pub struct Correction {
 }
 
 impl Joint {
+    /// What is left of each gauge's readings as a mean over each held pose, counts: `[gauge][window]`.
+    pub fn left_counts(&self, windows: usize) -> Vec<Vec<Option<f64>>> {
+        let of_gauge = |gauge: usize| {
+            let mut sums = vec![(0.0, 0.0); windows];
+            let index = &self.system.gauges[gauge].index;
+            for (residual, k) in self.system.residuals(gauge, &self.solution).iter().zip(index) {
+                let row = &self.rows[*k];
+                let n = row.readings[gauge].map_or(0.0, |reading| reading.n as f64);
+                let (sum, count) = &mut sums[row.pose];
+                *sum += n * residual;
+                *count += n;
+            }
+            sums.into_iter().map(|(sum, n)| (n > 0.0).then(|| sum / n)).collect()
+        };
+        (0..self.system.gauges.len()).map(of_gauge).collect()
+    }
+
     /// Admitted corrections by name.
     pub fn corrections(&self) -> Vec<(String, Correction)> {
         let free = self.solution.arm_free.iter().enumerate();

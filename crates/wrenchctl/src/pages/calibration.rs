@@ -18,7 +18,7 @@ pub fn page(result: &Calibration, rig: &Rig, runs: &[Run], recordings: &[Recordi
     let dataset = Dataset::new(rig, recordings)?;
     let temperatures = runs.iter().map(|run| Temperatures::read(run, rig)).collect::<Result<Vec<_>, _>>()?;
     let sensors = &result.model.sensors;
-    let residuals = Residuals::new(rig, sensors, &dataset, recordings, &temperatures);
+    let residuals = Residuals::new(rig, result, &dataset, recordings, &temperatures);
     let source = &result.model.provenance;
     let subtitle = format!(
         "{} gauges, {} still instants in {} held poses of {}; {} axes, {}, {}",

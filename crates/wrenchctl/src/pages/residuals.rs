@@ -1,7 +1,7 @@
 //! What a calibration leaves of the gauges' readings, over everything that it could go with.
 
-use calibration::Recording;
 use calibration::dataset::{Dataset, Window};
+use calibration::{Calibration, Recording};
 use nalgebra::Vector6;
 use report::{Bars, Chart, Grid, Heading, Heat, Ink, Page, Size, Text};
 use rig::Rig;
@@ -51,8 +51,9 @@ fn left_of(
     recordings: &[Recording],
     temperatures: &[Temperatures],
     gauge: usize,
-    sensor: &Sensor,
+    result: &Calibration,
 ) -> Vec<Left> {
+    let sensor = &result.model.sensors[gauge];
     let methods = methods(sensor);
     let scale = methods[OURS].0.fixed_rows::<3>(3).norm();
     let mean = |window: &Window, compliance: &Vector6<f64>, bias: f64| {
@@ -64,7 +65,11 @@ fn left_of(
     let mut out: Vec<Left> = Vec::with_capacity(dataset.windows.len());
     for (index, window) in dataset.windows.iter().enumerate() {
         let of_method = |(compliance, bias): &(Vector6<f64>, f64)| mean(window, compliance, *bias);
-        let [Some(a), Some(b), Some(c)] = methods.each_ref().map(of_method) else { continue };
+        let [Some(a), Some(b), Some(own)] = methods.each_ref().map(of_method) else { continue };
+        // A model that also corrects the arm and has terms leaves what the calibration itself found to be left.
+        let Some(c) = result.left_counts.as_ref().map_or(Some(own), |left| left[gauge][index]) else {
+            continue;
+        };
         let middle = window.times_s.len() / 2;
         let at_ns = recordings[window.recording].start_ns + (window.times_s[middle] * 1e9) as i64;
         out.push(Left {
@@ -87,21 +92,22 @@ fn left_of(
 }
 
 impl<'a> Residuals<'a> {
-    /// Of the gauges `sensors` in the held poses of a dataset of `recordings`.
+    /// Of a calibration's gauges in the held poses of its dataset of `recordings`.
     pub fn new(
         rig: &'a Rig,
-        sensors: &'a [Sensor],
+        result: &'a Calibration,
         dataset: &'a Dataset,
         recordings: &[Recording],
         temperatures: &[Temperatures],
     ) -> Self {
-        let of = |(gauge, sensor)| left_of(dataset, recordings, temperatures, gauge, sensor);
+        let sensors = result.model.sensors.as_slice();
+        let of = |gauge| left_of(dataset, recordings, temperatures, gauge, result);
         Self {
             rig,
             sensors,
             dataset,
             timeline: Timeline::new(recordings.iter()),
-            left: sensors.iter().enumerate().map(of).collect(),
+            left: (0..sensors.len()).map(of).collect(),
         }
     }
 
