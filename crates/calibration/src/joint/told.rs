@@ -45,8 +45,14 @@ impl Joint {
 
 impl std::fmt::Display for Untold {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let names = self.parameters.join(", ");
-        write!(f, "{}: {}: {names}; to tell them, {}", self.group, self.words, self.remedy)
+        /// More names than a person reads.
+        const SHOWN: usize = 3;
+        let names = self.parameters.iter().take(SHOWN).cloned().collect::<Vec<_>>().join(", ");
+        write!(f, "{}: {}: {names}", self.group, self.words)?;
+        if let more @ 1.. = self.parameters.len().saturating_sub(SHOWN) {
+            write!(f, " and {more} more (--json names them)")?;
+        }
+        write!(f, "; to tell them, {}", self.remedy)
     }
 }
 
