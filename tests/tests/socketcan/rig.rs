@@ -177,10 +177,11 @@ impl Arm {
         self.start(guest, record, Command::new(&programs()?.wrenchd))
     }
 
-    /// The same without real-time rights and in the kernel's batch class: it does not interrupt whoever sends, and reads what has come meanwhile.
+    /// The same without real-time rights, in the kernel's batch class and before all others: it does not interrupt whoever sends, reads what has
+    /// come meanwhile, and where the processor is too slow for all it is the sender who waits.
     pub(crate) fn daemon_in_batches(&self, guest: &Guest, record: Option<&Path>) -> Check<Program> {
-        let mut command = Command::new("setpriv");
-        command.args(["--bounding-set", "-sys_nice", "--inh-caps", "-sys_nice"]);
+        let mut command = Command::new("nice");
+        command.args(["-n", "-15", "setpriv", "--bounding-set", "-sys_nice", "--inh-caps", "-sys_nice"]);
         command.args(["chrt", "--batch", "0"]).arg(&programs()?.wrenchd);
         self.start(guest, record, command)
     }
