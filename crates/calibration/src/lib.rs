@@ -3,8 +3,7 @@
 //! [`recording`] reads a run by the same ingestion as the daemon, [`dataset`] finds the stretches in which the arm holds still
 //! and what loads each section there, [`solve`] and [`noise`] estimate one gauge, [`observability`] says what the data
 //! could not show and [`plan`] what to record next, [`gauges`] brings all gauges together, [`joint`] estimates the arm with them and [`calibrate`]
-//! makes the stored model of it. [`validate`]
-//! scores a recording against its truth.
+//! makes the stored model of it. [`validate`] scores a recording against its truth.
 
 mod calibrate;
 pub mod dataset;

@@ -76,25 +76,23 @@ impl StuckWatch {
 impl Stage {
     /// For a robot as its URDF has it, and its gauges.
     pub fn new(rig: &Rig, gauges: Vec<GaugeModel>) -> Self {
-        let conditioners = gauges.iter().map(|gauge| Conditioner::new(&gauge.terms)).collect();
-        Self::with(gauges.clone(), WrenchEstimator::new(&rig.chain, &rig.sections, gauges), conditioners)
+        Self::with(WrenchEstimator::new(&rig.chain, &rig.sections, gauges))
     }
 
     /// For a robot as it was calibrated.
     pub fn of_model(rig: &Rig, model: &ModelFile) -> Self {
-        let gauges = model.gauges();
         let (chain, arm) = model.arm(&rig.chain);
-        let conditioners = gauges.iter().map(|gauge| Conditioner::new(&gauge.terms)).collect();
-        let estimator = WrenchEstimator::with_arm(&chain, &rig.sections, gauges.clone(), arm);
-        Self::with(gauges, estimator, conditioners)
+        Self::with(WrenchEstimator::with_arm(&chain, &rig.sections, model.gauges(), arm))
     }
 
-    fn with(gauges: Vec<GaugeModel>, estimator: WrenchEstimator, conditioners: Vec<Conditioner>) -> Self {
+    fn with(estimator: WrenchEstimator) -> Self {
         let is_thermal = |gauge: &GaugeModel| {
             gauge.terms.terms.iter().any(|term| matches!(term.effect, Effect::Temperature { .. }))
         };
+        let gauges = estimator.gauges();
         Self {
             watches: gauges.iter().map(StuckWatch::new).collect(),
+            conditioners: gauges.iter().map(|gauge| Conditioner::new(&gauge.terms)).collect(),
             thermal: gauges.iter().map(is_thermal).collect(),
             heard: Vec::with_capacity(gauges.len()),
             used: Vec::with_capacity(gauges.len()),
@@ -102,7 +100,6 @@ impl Stage {
             tare: Tare::new(gauges.len(), estimator.dynamics().coordinates()),
             payload: RigidBody::zero(),
             estimator,
-            conditioners,
         }
     }
 
@@ -154,7 +151,8 @@ impl Stage {
         let tared = if self.tare.applied().is_some() { Status::TARED } else { Status::GOOD };
         status = status.with(tared);
         if outcome.is_ok() {
-            self.observe_tare(snapshot, motion);
+            let heard = self.heard.iter().copied();
+            self.tare.observe(snapshot.instant_ns, heard, motion, &mut self.estimator);
         }
         Estimate {
             instant_ns: snapshot.instant_ns,
@@ -163,10 +161,6 @@ impl Stage {
             outcome,
             status,
         }
-    }
-
-    fn observe_tare(&mut self, snapshot: &Snapshot, motion: &[JointMotion]) {
-        self.tare.observe(snapshot.instant_ns, self.heard.iter().copied(), motion, &mut self.estimator);
     }
 
     /// The estimator with the state of the last estimate.

@@ -4,6 +4,7 @@
 //! and all else are derived from it and stand there for the reader. A quantity that the data did not determine is absent.
 
 mod arm;
+mod known;
 mod terms;
 
 use std::path::Path;

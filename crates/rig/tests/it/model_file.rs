@@ -4,10 +4,7 @@ use std::path::Path;
 
 use model::sensing::Compliance;
 use nalgebra::Vector6;
-use rig::model_file::{
-    Arm, ArmDeviation, ArmJoint, Components, EffectShape, Encoder, FiveParameter, Frame, NominalAxes,
-    Provenance, Sensor, SensorTerm,
-};
+use rig::model_file::{Arm, ArmDeviation, ArmJoint, EffectShape, Encoder, Provenance, Sensor, SensorTerm};
 use rig::{ModelFile, Rig, RigError};
 
 use super::{examples, message, with};
@@ -33,35 +30,16 @@ fn sensor(name: &str, section: &str, terms: Vec<SensorTerm>) -> Sensor {
     let mut covariance = [[0.0; 7]; 7];
     (0..7).for_each(|k| covariance[k][k] = 100.0);
     Sensor {
-        name: name.into(),
-        section: section.into(),
         bias_counts: 1234.5,
         bias_sigma_counts: 10.0,
-        noise_floor_counts: 600.0,
         noise_slow_share: 0.15,
         noise_slow_time_s: 0.2,
         residual_rms_counts: 650.0,
-        crosstalk_percent: None,
-        crosstalk_length_m: 0.1,
         covariance,
-        working_compliance: None,
-        compliance: Components::from_array(<[f64; 6]>::from(compliance.vector()).map(Some)),
-        compliance_sigma: Components::default(),
-        frame: Frame::default(),
-        frame_sigma: Frame::default(),
-        five_parameter: FiveParameter {
-            r_counts_per_nm: 1.0,
-            a_x_rad: 0.0,
-            a_y_rad: 0.0,
-            l_x_m: 0.0,
-            l_y_m: 0.0,
-            bias_counts: 0.0,
-        },
-        nominal_axes: NominalAxes { k_counts_per_nm: 1.0, bias_counts: 0.0 },
         centre_counts: if terms.is_empty() { 0.0 } else { 5000.0 },
         scale_counts: if terms.is_empty() { 0.0 } else { 400_000.0 },
         terms,
-        unobservable: Vec::new(),
+        ..Sensor::known(name, section, &compliance, 600.0)
     }
 }
 
