@@ -24,6 +24,9 @@ pub type Regressors = [f64; MOST_TERMS];
 /// Readings are smoothed over this time before they drive power, creep and hysteresis, s: their noise is none of the load's.
 const SMOOTHING_S: f64 = 0.1;
 
+/// Thermometers are smoothed over this time before their lag, s; over as long after a start the gauge counts as warm as they say.
+const THERMOMETER_SMOOTHING_S: f64 = 2.0;
+
 /// How far a temperature that was never read may be from the reference, K: a hall in summer against one in winter.
 const UNKNOWN_TEMPERATURE_K: f64 = 10.0;
 
@@ -103,6 +106,8 @@ pub struct Conditioner {
     states: [State; MOST_TERMS],
     regressors: Regressors,
     smooth: Option<f64>,
+    /// Smoothed temperature, and for how long it has been read, s.
+    thermometer: Option<(f64, f64)>,
     last_ns: Option<i64>,
 }
 
@@ -117,6 +122,7 @@ impl Conditioner {
             states: [State::default(); MOST_TERMS],
             regressors: [0.0; MOST_TERMS],
             smooth: None,
+            thermometer: None,
             last_ns: None,
         }
     }
@@ -130,6 +136,7 @@ impl Conditioner {
         if !(0..=FORGET_NS).contains(&since_ns) {
             self.states = [State::default(); MOST_TERMS];
             self.smooth = None;
+            self.thermometer = None;
         }
         self.last_ns = Some(at_ns);
         let step_s = since_ns.max(0) as f64 * 1e-9;
@@ -137,14 +144,31 @@ impl Conditioner {
             let u = (counts - self.terms.centre_counts) / self.terms.scale_counts;
             self.smooth = Some(self.smooth.map_or(u, |s| s + (u - s) * share(step_s, SMOOTHING_S)));
         }
+        let warmth_c = temperature_c.map(|now_c| self.smoothed_c(step_s, now_c));
+        let settling = self.thermometer.is_some_and(|(_, age_s)| age_s < THERMOMETER_SMOOTHING_S);
         for (k, term) in self.terms.terms.iter().enumerate() {
             let input = match term.effect {
-                Effect::Temperature { .. } => temperature_c,
+                Effect::Temperature { .. } => warmth_c,
                 _ => self.smooth,
             };
+            if settling && warmth_c.is_some() && matches!(term.effect, Effect::Temperature { .. }) {
+                self.states[k].started = false;
+            }
             self.states[k].advance(&term.effect, step_s, input);
             self.regressors[k] = self.states[k].regressor(&term.effect, self.smooth.unwrap_or(0.0));
         }
+    }
+
+    /// Takes in the thermometer: the mean of its first readings, then a first-order lag.
+    fn smoothed_c(&mut self, step_s: f64, now_c: f64) -> f64 {
+        let (before_c, age_s) = self.thermometer.unwrap_or((now_c, 0.0));
+        // Of k readings so far the newest has a share of 1 / k.
+        let of_all = step_s / (age_s + 2.0 * step_s).max(f64::MIN_POSITIVE);
+        let gain =
+            if age_s < THERMOMETER_SMOOTHING_S { of_all } else { share(step_s, THERMOMETER_SMOOTHING_S) };
+        let smooth_c = before_c + (now_c - before_c) * gain;
+        self.thermometer = Some((smooth_c, age_s + step_s));
+        smooth_c
     }
 
     /// The terms' values at the last instant (K, or without unit).
@@ -240,14 +264,32 @@ mod tests {
         ]);
         c.push(0, Some(1000.0), Some(20.0));
         assert_eq!(c.unsettled_counts2(), 2.0 * 50.0 * 50.0);
-        for k in 1..=3000 {
+        // The gauge is as warm as its thermometer says at first, and starts to lag after that.
+        let hold = (THERMOMETER_SMOOTHING_S * 1e9) as i64 / STEP_NS;
+        for k in 1..=hold {
+            c.push(k * STEP_NS, Some(1000.0), Some(20.0));
+        }
+        assert_eq!(c.regressors()[0], 0.0);
+        for k in hold + 1..=hold + 3000 {
             c.push(k * STEP_NS, Some(3000.0), Some(30.0));
         }
-        // After 60 s: one time constant of the temperature, two of the creep.
-        assert!((c.regressors()[0] - 10.0 * (1.0 - (-1.0f64).exp())).abs() < 1e-9);
+        // After 60 s: one time constant of the temperature, less what the thermometer's smoothing holds back; two of the creep.
+        let (lag_s, smoothing_s) = (60.0, THERMOMETER_SMOOTHING_S);
+        let left = |tau_s: f64| (-60.0 / tau_s).exp() * tau_s / (lag_s - smoothing_s);
+        let expected = 10.0 * (1.0 - left(lag_s) + left(smoothing_s));
+        assert!((c.regressors()[0] - expected).abs() < 0.01, "{:?} {expected}", c.regressors());
         assert!((c.regressors()[1] + (-2.0f64).exp()).abs() < 1e-3, "{:?}", c.regressors());
-        let expected = 2500.0 * ((-2.0f64).exp() + (-4.0f64).exp());
-        assert!((c.unsettled_counts2() - expected).abs() < 1e-6 * expected);
+        let expected = 2500.0 * ((-2.0f64).exp() + (-(120.0 + 2.0 * smoothing_s) / 30.0).exp());
+        assert!((c.unsettled_counts2() / expected - 1.0).abs() < 0.01);
+    }
+
+    #[test]
+    fn a_noisy_thermometer_starts_at_the_mean_of_its_first_readings() {
+        let mut c = conditioner(&[Effect::Temperature { lag_s: 60.0, reference_c: 20.0 }]);
+        for k in 0..101 {
+            c.push(k * STEP_NS, Some(1000.0), Some(if k % 2 == 0 { 25.0 } else { 23.0 }));
+        }
+        assert!((c.regressors()[0] - 4.0).abs() < 0.02, "{:?}", c.regressors());
     }
 
     #[test]

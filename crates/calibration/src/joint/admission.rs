@@ -82,6 +82,18 @@ impl Admitted {
         }
     }
 
+    /// Drift and creep are hard to tell apart: where one gauge has either, all have both. What is not there comes out near nothing, with
+    /// the uncertainty that it leaves in the other.
+    pub fn complete_slow(&mut self) {
+        let slow = [Family::Temperature, Family::Creep];
+        if self.gauges.iter().flatten().any(|family| slow.contains(family)) {
+            for own in &mut self.gauges {
+                let missing: Vec<Family> = slow.into_iter().filter(|family| !own.contains(family)).collect();
+                own.extend(missing);
+            }
+        }
+    }
+
     fn has(&self, candidate: Candidate) -> bool {
         match candidate {
             Candidate::Arm(group) => self.arm.contains(&group),

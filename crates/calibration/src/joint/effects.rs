@@ -45,22 +45,24 @@ impl Family {
 }
 
 /// Lags that are tried between thermometer and gauge, s.
-pub const LAGS_S: [f64; 9] = [4.0, 10.0, 20.0, 35.0, 55.0, 80.0, 120.0, 180.0, 300.0];
+pub const LAGS_S: [f64; 14] =
+    [4.0, 8.0, 14.0, 20.0, 27.0, 35.0, 45.0, 56.0, 70.0, 90.0, 120.0, 160.0, 220.0, 300.0];
 
 /// Where the search for the lag begins (index).
-pub const FIRST_LAG: usize = 4;
+pub const FIRST_LAG: usize = 7;
 
-/// The candidates. Plays and lags are spread by factors of three to five: sums of such come near any smooth hysteresis
-/// and any creep between seconds and minutes.
+/// The candidates. Plays and relaxations are spread by factors of three to four: sums of such come near any smooth hysteresis
+/// and any creep between seconds and minutes. Slower relaxations are no candidates: over a recording of half an hour they look like
+/// drift, and what is wrongly taken for one is carried into every other day.
 pub fn candidates(lag_s: f64, reference_c: f64) -> [Effect; MOST_TERMS] {
     [
         Effect::Temperature { lag_s, reference_c },
         Effect::Hysteresis { width: 0.02 },
         Effect::Hysteresis { width: 0.06 },
         Effect::Hysteresis { width: 0.18 },
-        Effect::Creep { tau_s: 5.0 },
-        Effect::Creep { tau_s: 30.0 },
-        Effect::Creep { tau_s: 150.0 },
+        Effect::Creep { tau_s: 4.0 },
+        Effect::Creep { tau_s: 16.0 },
+        Effect::Creep { tau_s: 64.0 },
         Effect::Power { order: 2 },
         Effect::Power { order: 3 },
     ]

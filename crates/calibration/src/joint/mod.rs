@@ -2,11 +2,12 @@
 //!
 //! [`rows`] cuts the still windows, [`parameters`] lists what can be other than declared, with prior widths, [`effects`] what
 //! gauges may add, [`loads`] predicts, [`system`] solves the linearised problem, [`admission`] chooses what is worth having on
-//! held-out poses and times, and [`outcome`] brings it into the stored model. Gauss-Newton: loads and their derivatives
+//! held-out poses and times, [`lags`] finds what enters in no linear way, and [`outcome`] brings it into the stored model. Gauss-Newton: loads and their derivatives
 //! are taken anew at each step.
 
 pub mod admission;
 pub mod effects;
+pub mod lags;
 pub mod loads;
 pub mod outcome;
 pub mod parameters;
@@ -29,6 +30,7 @@ use crate::recording::Recording;
 use crate::solve::Estimate;
 use admission::Admitted;
 use effects::Values;
+use lags::Lag;
 use parameters::{Group, Parameters};
 use rows::Row;
 use system::{GaugeRows, Selection, Solution, System};
@@ -42,11 +44,11 @@ const COMPLIANCE: usize = 6;
 /// all but a hundredth of what is left away.
 const STEPS: usize = 3;
 
+/// Steps with what was admitted after which the lags are sought again: with the arm known they are seen better.
+const RELAGS: usize = 2;
+
 /// A row further off than this (standard deviations) is trusted in inverse proportion (P. Huber, Robust Statistics, 1981).
 const HUBER_SIGMA: f64 = 3.0;
-
-/// How far the lags of one arm's gauges are from each other, as a logarithm.
-const LAG_SPREAD: f64 = 0.2;
 
 /// Everything about a calibration that does not change while it is solved.
 struct Problem<'a> {
@@ -82,6 +84,8 @@ pub struct Joint {
     solution: Solution,
     noise: Vec<NoiseModel>,
     effects: Vec<([Effect; MOST_TERMS], Values, (f64, f64))>,
+    /// How each gauge's numbers move with its lag.
+    lags: Vec<Lag>,
     sessions: usize,
 }
 
@@ -99,24 +103,30 @@ pub fn estimate(rig: &Rig, dataset: &Dataset, recordings: &[Recording], gauges: 
         trust: Vec::new(),
     };
     let mut fitted = problem.step(&mut point, &all)?;
-    problem.find_lags(recordings, &fitted.0, &fitted.1);
+    problem.take_lags(recordings, &fitted, &all);
     for _ in 1..STEPS {
         fitted = problem.step(&mut point, &all)?;
     }
-    let admitted = admission::admit(&mut fitted.0, &problem.rows, &groups, linear);
+    let mut admitted = admission::admit(&mut fitted.0, &problem.rows, &groups, linear);
+    admitted.complete_slow();
     if admitted.is_nothing() {
         return None;
     }
     let selection = admitted.selection(&groups, linear, own);
     let held_out: Vec<f64> = fitted.0.gauges.iter().map(|gauge| gauge.misfit).collect();
     point.arm.iter_mut().zip(&selection.arm).filter(|(_, free)| !**free).for_each(|(value, _)| *value = 0.0);
-    for _ in 0..STEPS {
+    for step in 0..STEPS {
         fitted = problem.step(&mut point, &selection)?;
+        if step < RELAGS {
+            problem.take_lags(recordings, &fitted, &selection);
+        }
         // Held-out poses know better than the fitted ones how much does not fit.
         point.misfits.iter_mut().zip(&held_out).for_each(|(own, other)| *own = own.max(*other));
     }
+    let lags = problem.lags(recordings, &fitted, &selection);
     let (system, solution) = fitted;
     Some(Joint {
+        lags,
         sessions: dataset.sessions.len(),
         rows: problem.rows,
         parameters: problem.parameters,
@@ -288,63 +298,21 @@ impl<'a> Problem<'a> {
         zeros.map(of).sum::<f64>() / row.positions as f64 * row.shared
     }
 
-    /// The lag between thermometer and gauge with which each gauge's rows fit best, the arm as it was found.
-    fn find_lags(&mut self, recordings: &[Recording], system: &System, solution: &Solution) {
+    /// Takes the lags between thermometers and gauges with which each gauge's rows fit best, the arm as it was found.
+    fn take_lags(&mut self, recordings: &[Recording], fitted: &(System, Solution), selection: &Selection) {
+        let found: Vec<f64> = self.lags(recordings, fitted, selection).iter().map(|lag| lag.lag_s).collect();
         let reference_c = reference_temperatures(recordings, self.noise.len());
-        let costs: Vec<Vec<f64>> = effects::LAGS_S
-            .iter()
-            .map(|lag_s| {
-                let lags = vec![*lag_s; self.noise.len()];
-                let trial = effects::all(recordings, &self.rows, &lags, &reference_c);
-                (0..self.noise.len()).map(|g| lag_cost(system, solution, g, &trial[g].1)).collect()
-            })
-            .collect();
-        // Gauges of one arm are built alike: one lag for all, from which each departs as far as its own rows insist.
-        let common = lowest(&effects::LAGS_S, &costs.iter().map(|c| c.iter().sum()).collect::<Vec<f64>>());
-        let lags: Vec<f64> = (0..self.noise.len())
-            .map(|g| {
-                let apart = |lag_s: &f64| ((lag_s / common).ln() / LAG_SPREAD).powi(2);
-                let cost = effects::LAGS_S.iter().zip(&costs).map(|(lag_s, c)| c[g] + apart(lag_s));
-                lowest(&effects::LAGS_S, &cost.collect::<Vec<_>>())
-            })
-            .collect();
-        self.effects = effects::all(recordings, &self.rows, &lags, &reference_c);
+        self.effects = effects::all(recordings, &self.rows, &found, &reference_c);
     }
-}
 
-/// Weighted squares that are left of a gauge's rows with these regressors, the arm's numbers held.
-fn lag_cost(system: &System, solution: &Solution, gauge: usize, values: &Values) -> f64 {
-    let (rows, n) = (&system.gauges[gauge], system.columns());
-    let mut alone = System { gauges: vec![rows.clone()], own: system.own, widths: Vec::new() };
-    let mut a = Vec::with_capacity(rows.z.len() * system.own);
-    for (k, row) in rows.a.chunks_exact(n).enumerate() {
-        let (own, arm) = row.split_at(system.own);
-        a.extend(&own[..system.own - MOST_TERMS]);
-        a.extend(values.rows[rows.index[k]]);
-        alone.gauges[0].z[k] -= arm.iter().zip(&solution.arm).map(|(a, x)| a * x).sum::<f64>();
+    fn lags(&self, recordings: &[Recording], fitted: &(System, Solution), selection: &Selection) -> Vec<Lag> {
+        let reference_c = reference_temperatures(recordings, self.noise.len());
+        let trial = |lag_s: f64| {
+            let lags = vec![lag_s; self.noise.len()];
+            effects::all(recordings, &self.rows, &lags, &reference_c)
+        };
+        lags::search(&fitted.0, &fitted.1, selection, trial)
     }
-    alone.gauges[0].a = a;
-    let selection = Selection { own: vec![vec![true; system.own]], arm: Vec::new() };
-    let normal = alone.normal(0, |_| true);
-    let Some(found) = alone.solve(&[normal], &selection) else { return f64::INFINITY };
-    let squares = alone.residuals(0, &found).into_iter().enumerate();
-    squares.map(|(k, r)| rows.trust[k] * r * r / rows.total_variance(k)).sum()
-}
-
-/// Where a curve over the logarithm of its places is lowest, by a parabola through the lowest place and its neighbours.
-fn lowest(places: &[f64], costs: &[f64]) -> f64 {
-    let best = (0..costs.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b])).unwrap_or(0);
-    if best == 0 || best + 1 == costs.len() {
-        return places[best];
-    }
-    let x: [f64; 3] = std::array::from_fn(|k| places[best + k - 1].ln());
-    let y: [f64; 3] = std::array::from_fn(|k| costs[best + k - 1]);
-    let (left, right) = ((y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1]));
-    let curvature = (right - left) / (x[2] - x[0]);
-    if curvature <= 0.0 {
-        return places[best];
-    }
-    (0.5 * (x[0] + x[1]) - 0.5 * left / curvature).clamp(x[0], x[2]).exp()
 }
 
 /// Mean temperature of each gauge over all recordings, degC.

@@ -197,13 +197,22 @@ impl Joint {
 
     /// Covariance of a gauge's stored numbers, all of the arm's uncertainty included.
     fn stored_covariance(&self, gauge: usize) -> DMatrix<f64> {
-        self.of_stored(gauge, &self.solution.marginal(gauge))
+        self.of_stored(gauge, &self.solution.marginal(gauge)) + self.by_lag(gauge)
+    }
+
+    /// What the lag between thermometer and gauge adds to the covariance of the stored numbers.
+    fn by_lag(&self, gauge: usize) -> DMatrix<f64> {
+        let own = &self.lags[gauge].own;
+        let stored = self.stored(gauge);
+        let part =
+            DVector::from_iterator(stored.len(), stored.iter().map(|(index, unit)| own[*index] * unit));
+        &part * part.transpose()
     }
 
     /// The covariance that the cycle weighs a gauge with: given the arm, and along the arm's deviations. Directions in which
     /// arm and gauges move together without moving any prediction are no uncertainty of a gauge by itself.
     pub fn working_covariance(&self, gauge: usize, deviations: &[ArmDeviation]) -> DMatrix<f64> {
-        let mut covariance = self.of_stored(gauge, &self.solution.conditional[gauge].1);
+        let mut covariance = self.of_stored(gauge, &self.solution.conditional[gauge].1) + self.by_lag(gauge);
         for deviation in deviations {
             let part = DVector::from_column_slice(&deviation.gauges[gauge]);
             covariance += &part * part.transpose();

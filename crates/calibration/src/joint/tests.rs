@@ -8,9 +8,7 @@ use model::spatial::{BODY_PARAMETERS, RigidBody};
 use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
 use rig::{Config, Rig};
 
-use super::effects;
 use super::loads::{by_parameters, loads};
-use super::lowest;
 use super::parameters::{Group, Parameters};
 use super::rows::Row;
 use crate::solve::scaled;
@@ -140,12 +138,4 @@ fn derivatives_by_masses_and_zeros_are_the_model_s_own() {
         }
     }
     assert!(compared > 1000, "{compared}");
-}
-
-#[test]
-fn a_parabola_s_lowest_place_is_found_between_the_tried_ones() {
-    let cost = |place: f64| (place.ln() - 70f64.ln()).powi(2) + 3.0;
-    let costs: Vec<f64> = effects::LAGS_S.iter().map(|p| cost(*p)).collect();
-    assert!((lowest(&effects::LAGS_S, &costs) - 70.0).abs() < 1e-9);
-    assert_eq!(lowest(&[1.0, 2.0], &[1.0, 2.0]), 1.0);
 }

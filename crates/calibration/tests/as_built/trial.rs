@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use calibration::validate::validate;
 use calibration::{Axes, Recording, calibrate};
 use model::dynamics::Dynamics;
+use rig::model_file::EffectShape;
 use rig::run::{Loads, Reference, Run};
 use rig::{Config, ModelFile, Rig};
 use sim::motion::MotionLimits;
@@ -33,6 +34,8 @@ pub(crate) struct Trial {
     pub(crate) nees: [f64; 6],
     /// Components of still wrenches within 1.96 sigma, and all.
     pub(crate) covered_wrench: (f64, f64),
+    /// The same of what the model says of the arm and the gauges: links' masses, encoders' zeros, drifts a kelvin.
+    pub(crate) covered_parameters: (f64, f64),
     pub(crate) admitted: String,
 }
 
@@ -40,13 +43,14 @@ impl fmt::Display for Trial {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ratio = self.force_rms_n / self.noise_alone_n;
         let coverage = 100.0 * self.covered_wrench.0 / self.covered_wrench.1;
+        let (within, parameters) = self.covered_parameters;
         let (seed, ours, noise, five) = (self.seed, self.force_rms_n, self.noise_alone_n, self.five_rms_n);
         write!(
             f,
             "arm {seed}: {ours:.4} N, noise alone {noise:.4} ({ratio:.2}), five-parameter {five:.3}, nees"
         )?;
         self.nees.iter().try_for_each(|nees| write!(f, " {nees:.2}"))?;
-        write!(f, ", covered {coverage:.0} %; {}", self.admitted)
+        write!(f, ", covered {coverage:.0} %, {within} of {parameters} parameters; {}", self.admitted)
     }
 }
 
@@ -96,8 +100,32 @@ fn try_arm(rig: &Rig, seed: u64) -> Trial {
         noise_alone_n: (noise_n2 / (of / 6.0)).sqrt(),
         nees: found.still.nees.unwrap(),
         covered_wrench: (within, of),
+        covered_parameters: covered_parameters(rig, &model, &truth),
         admitted,
     }
+}
+
+/// How many of the model's numbers are within 1.96 standard deviations of what the arm was built with, and how many there are.
+fn covered_parameters(rig: &Rig, model: &ModelFile, truth: &Truth) -> (f64, f64) {
+    let built = truth.imperfections.as_ref().unwrap();
+    let mut off_sigmas = Vec::new();
+    let coordinates = rig.chain.coordinate_names();
+    for (k, joint) in model.arm.iter().flat_map(|arm| &arm.joints).enumerate() {
+        let (real, drawn) = (built.body.chain.joints[k].body.mass_kg, rig.chain.joints[k].body.mass_kg);
+        off_sigmas.push((joint.mass_kg - (real - drawn)) / joint.sigma[0]);
+        if let Some(coordinate) = coordinates.iter().position(|name| *name == joint.name) {
+            off_sigmas.push((joint.zero_rad - built.body.zeros_rad[coordinate]) / joint.sigma[4]);
+        }
+    }
+    for (sensor, strain) in model.sensors.iter().zip(&built.strains) {
+        let drift = sensor.terms.iter().find(|t| matches!(t.effect, EffectShape::Temperature { .. }));
+        let drift = drift.map(|t| (t.coefficient_counts, t.coefficient_sigma_counts));
+        let real = strain.drift_per_k * strain.half_counts;
+        off_sigmas.extend(drift.map(|(found, sigma)| (found - real) / sigma));
+    }
+    // A number that was not admitted has no interval.
+    let said: Vec<f64> = off_sigmas.into_iter().filter(|off| off.is_finite()).collect();
+    (said.iter().filter(|off| off.abs() < 1.96).count() as f64, said.len() as f64)
 }
 
 /// The model from a calibration recording, and what was admitted.

@@ -1,8 +1,9 @@
 //! The arm as it was built, with every small fault of a cheap one at once: links, zeros, springs, base, gauges, weights, reference.
 //!
 //! What a calibration is tried on. The forms are those of the books on each fault, not those that an estimator likes: joints
-//! stiffen under torque, hysteresis is Bouc and Wen's or Maxwell's, creep follows a power of time, a gauge's warmth lags its thermometer
-//! twice. Sizes are the usual ones of cheap arms and gauges.
+//! stiffen under torque, hysteresis is Bouc and Wen's or Maxwell's, creep follows a power of time for some
+//! minutes, a gauge's warmth lags its thermometer twice. Before a recording the arm has rested at one temperature. Sizes are the usual ones of
+//! cheap arms and gauges.
 
 mod body;
 mod strain;

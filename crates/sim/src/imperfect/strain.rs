@@ -4,7 +4,6 @@ use rand::RngExt;
 use rand::rngs::StdRng;
 
 use super::{log_uniform, sign, uniform};
-use crate::gauge::normal;
 
 /// Departure from a straight line, as a share of half the gauge's span.
 const BEND: (f64, f64) = (0.0003, 0.001);
@@ -17,12 +16,12 @@ const CREEP: (f64, f64) = (0.0005, 0.004);
 const CREEP_AT_S: f64 = 300.0;
 /// Exponent of time in the creep.
 const CREEP_EXPONENT: (f64, f64) = (0.1, 0.3);
+/// Retardation time beyond which little is left of it, s.
+const CREEP_ENDS_S: (f64, f64) = (40.0, 160.0);
 /// Drift a kelvin, as a share of half the span.
 const DRIFT_PER_K: (f64, f64) = (0.0005, 0.008);
 /// Lags one after the other from thermometer to gauge, s.
 const LAGS_S: [(f64, f64); 2] = [(40.0, 70.0), (8.0, 20.0)];
-/// How far a gauge's warmth is from its thermometer's at the start, K.
-const START_K: f64 = 0.3;
 /// Elements of a Maxwell chain, and their widths.
 const SLIPS: usize = 5;
 const SLIP_WIDTH: (f64, f64) = (0.01, 0.4);
@@ -45,6 +44,8 @@ pub struct Strain {
     pub hysteresis: (Hysteresis, f64),
     /// Creep after five minutes as a share of the strain, and the exponent of time.
     pub creep: (f64, f64),
+    /// Retardation time beyond which little is left of the creep, s.
+    pub creep_ends_s: f64,
     /// Drift a kelvin.
     pub drift_per_k: f64,
     /// Lags one after the other, s.
@@ -109,6 +110,7 @@ impl Strain {
                 sign(rng) * log_uniform(rng, CREEP.0, CREEP.1),
                 uniform(rng, CREEP_EXPONENT.0, CREEP_EXPONENT.1),
             ),
+            creep_ends_s: log_uniform(rng, CREEP_ENDS_S.0, CREEP_ENDS_S.1),
             drift_per_k: sign(rng) * log_uniform(rng, DRIFT_PER_K.0, DRIFT_PER_K.1),
             lags_s: LAGS_S.map(|(low, high)| uniform(rng, low, high)),
         }
@@ -152,19 +154,19 @@ pub(crate) struct StrainState {
 }
 
 impl StrainState {
-    /// Somewhere inside its loop.
+    /// Somewhere inside its loop, and otherwise at rest for long: crept to its end, and as warm as its thermometer.
     pub(crate) fn new(fault: &Strain, rng: &mut StdRng) -> Self {
         let exponent = fault.creep.1;
-        // t^n is the sum of 1 - exp(-t / tau) with weights tau^n over the logarithm of tau.
-        let raw: [f64; RETARDATIONS] = std::array::from_fn(|k| tau_s(k).powf(exponent));
+        // t^n is the sum of 1 - exp(-t / tau) with weights tau^n over the logarithm of tau; what is cut off of them ends it.
+        let weight = |tau_s: f64| tau_s.powf(exponent) * (-tau_s / fault.creep_ends_s).exp();
+        let raw: [f64; RETARDATIONS] = std::array::from_fn(|k| weight(tau_s(k)));
         let at: f64 = (0..RETARDATIONS).map(|k| raw[k] * -(-CREEP_AT_S / tau_s(k)).exp_m1()).sum();
         Self {
             weights: raw.map(|w| w / at),
             crept: [0.0; RETARDATIONS],
             slip: std::array::from_fn(|_| rng.random_range(-1.0..1.0)),
             bouc: rng.random_range(-1.0..1.0),
-            // Until it has started: the difference to its thermometer.
-            warmth_c: [START_K * normal(rng), START_K * normal(rng)],
+            warmth_c: [0.0; 2],
             strain: 0.0,
             started: false,
             fault: fault.clone(),
@@ -178,7 +180,7 @@ impl StrainState {
             self.started = true;
             self.crept = [x; RETARDATIONS];
             self.strain = x;
-            self.warmth_c = self.warmth_c.map(|apart| apart + temperature_c);
+            self.warmth_c = [temperature_c; 2];
         }
         self.relax(step_s, x, temperature_c);
         self.turn(x - self.strain);
@@ -243,6 +245,7 @@ mod tests {
             bend: (Curve::Cubic, 0.0),
             hysteresis: (Hysteresis::BoucWen { width: 0.1, exponent: 1.5, unloading: 0.6 }, 0.0),
             creep: (0.0, 0.2),
+            creep_ends_s: f64::INFINITY,
             drift_per_k: 0.0,
             lags_s: [60.0, 10.0],
         }

@@ -1,0 +1,134 @@
+//! Lags between thermometers and gauges: the one number of a gauge that enters in no linear way.
+//!
+//! The rows' weighted squares are taken at lags over two decades, everything linear of the gauge fitted anew at each and the arm held;
+//! a parabola through the lowest ones gives the lag and how sure it is. What the gauge's other numbers change with it (a
+//! drift with temperature most of all) is part of their uncertainty.
+
+use model::terms::{Effect, MOST_TERMS};
+
+use super::effects::{LAGS_S, Values};
+use super::system::{Selection, Solution, System};
+use crate::gauges::in_parallel;
+
+/// How far the lags of one arm's gauges are from each other, as a logarithm.
+const LAG_SPREAD: f64 = 0.2;
+
+/// The lag of one gauge.
+#[derive(Clone, Debug)]
+pub struct Lag {
+    /// From its thermometer, s.
+    pub lag_s: f64,
+    /// Change of the gauge's own numbers with one standard deviation of the lag.
+    pub own: Vec<f64>,
+}
+
+/// Weighted squares that are left with one lag, and the gauge's own numbers there.
+#[derive(Clone, Debug)]
+struct Trial {
+    cost: f64,
+    own: Vec<f64>,
+}
+
+/// Lowest place of a curve, and by how much it rises there over one unit of the logarithm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Lowest {
+    index: usize,
+    place: f64,
+    /// None at an end, or where the curve does not rise to both sides.
+    curvature: Option<f64>,
+}
+
+/// Finds each gauge's lag; `effects` gives all gauges' regressors for one lag (s).
+pub fn search(
+    system: &System,
+    solution: &Solution,
+    selection: &Selection,
+    effects: impl Fn(f64) -> Vec<([Effect; MOST_TERMS], Values, (f64, f64))>,
+) -> Vec<Lag> {
+    let gauges = system.gauges.len();
+    // `[lag][gauge]`
+    let trials: Vec<Vec<Trial>> = LAGS_S
+        .iter()
+        .map(|lag_s| {
+            let tried = effects(*lag_s);
+            in_parallel(gauges, |gauge| trial(system, solution, selection, gauge, &tried[gauge].1))
+        })
+        .collect();
+    // Gauges of one arm are built alike: one lag for all, from which each departs as far as its own rows insist.
+    let together: Vec<f64> =
+        trials.iter().map(|of_lag| of_lag.iter().map(|trial| trial.cost).sum()).collect();
+    let common = lowest(&LAGS_S, &together).place;
+    let of_gauge = |gauge: usize| {
+        let apart = |lag_s: &f64| ((lag_s / common).ln() / LAG_SPREAD).powi(2);
+        let cost: Vec<f64> =
+            LAGS_S.iter().zip(&trials).map(|(lag_s, of)| of[gauge].cost + apart(lag_s)).collect();
+        let found = lowest(&LAGS_S, &cost);
+        // Squares rise by one at one standard deviation.
+        let sigma_ln = found.curvature.map_or(LAG_SPREAD, |curvature| curvature.sqrt().recip());
+        let (from, to) = (found.index.saturating_sub(1), (found.index + 1).min(LAGS_S.len() - 1));
+        let share = sigma_ln.min(LAG_SPREAD) / (LAGS_S[to] / LAGS_S[from]).ln();
+        let change = trials[to][gauge].own.iter().zip(&trials[from][gauge].own);
+        Lag { lag_s: found.place, own: change.map(|(to, from)| (to - from) * share).collect() }
+    };
+    (0..gauges).map(of_gauge).collect()
+}
+
+/// A gauge's rows fitted anew with these regressors, the arm's numbers held.
+fn trial(
+    system: &System,
+    solution: &Solution,
+    selection: &Selection,
+    gauge: usize,
+    values: &Values,
+) -> Trial {
+    let (rows, n) = (&system.gauges[gauge], system.columns());
+    let mut alone = System { gauges: vec![rows.clone()], own: system.own, widths: Vec::new() };
+    let mut a = Vec::with_capacity(rows.z.len() * system.own);
+    for (k, row) in rows.a.chunks_exact(n).enumerate() {
+        let (own, arm) = row.split_at(system.own);
+        a.extend(&own[..system.own - MOST_TERMS]);
+        a.extend(values.rows[rows.index[k]]);
+        alone.gauges[0].z[k] -= arm.iter().zip(&solution.arm).map(|(a, x)| a * x).sum::<f64>();
+    }
+    alone.gauges[0].a = a;
+    let selection = Selection { own: vec![selection.own[gauge].clone()], arm: Vec::new() };
+    let normal = alone.normal(0, |_| true);
+    let Some(found) = alone.solve(&[normal], &selection) else {
+        return Trial { cost: f64::INFINITY, own: solution.own[gauge].clone() };
+    };
+    let squares = alone.residuals(0, &found).into_iter().enumerate();
+    let cost = squares.map(|(k, r)| rows.trust[k] * r * r / rows.total_variance(k)).sum();
+    Trial { cost, own: found.own[0].clone() }
+}
+
+/// Where a curve over the logarithm of its places is lowest, by a parabola through the lowest place and its neighbours.
+fn lowest(places: &[f64], costs: &[f64]) -> Lowest {
+    let index = (0..costs.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b])).unwrap_or(0);
+    let at_one = Lowest { index, place: places[index], curvature: None };
+    if index == 0 || index + 1 == costs.len() {
+        return at_one;
+    }
+    let x: [f64; 3] = std::array::from_fn(|k| places[index + k - 1].ln());
+    let y: [f64; 3] = std::array::from_fn(|k| costs[index + k - 1]);
+    let (left, right) = ((y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1]));
+    let curvature = (right - left) / (x[2] - x[0]);
+    if !(curvature > 0.0 && curvature.is_finite()) {
+        return at_one;
+    }
+    let place = (0.5 * (x[0] + x[1]) - 0.5 * left / curvature).clamp(x[0], x[2]).exp();
+    Lowest { index, place, curvature: Some(curvature) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_parabola_s_lowest_place_is_found_between_the_tried_ones() {
+        let costs: Vec<f64> = LAGS_S.iter().map(|lag_s| 3.0 + 2.0 * (lag_s / 62.0).ln().powi(2)).collect();
+        let found = lowest(&LAGS_S, &costs);
+        assert!((found.place - 62.0).abs() < 1e-9, "{found:?}");
+        assert!((found.curvature.unwrap_or(0.0) - 2.0).abs() < 1e-9, "{found:?}");
+        assert_eq!(lowest(&[1.0, 2.0], &[1.0, 2.0]), Lowest { index: 0, place: 1.0, curvature: None });
+    }
+}
