@@ -51,7 +51,10 @@ fn line_suffix(line: Option<usize>) -> String {
 }
 
 /// The text of a file; `what` says in two or three words what the file should be.
-pub(crate) fn read_text(file: &Path, what: &str) -> Result<String, RigError> {
+///
+/// # Errors
+/// The file cannot be read, with what to do about it.
+pub fn read_text(file: &Path, what: &str) -> Result<String, RigError> {
     let bytes = read_bytes(file, what)?;
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
@@ -61,7 +64,10 @@ pub(crate) fn read_text(file: &Path, what: &str) -> Result<String, RigError> {
 }
 
 /// The bytes of a file; `what` says in two or three words what the file should be.
-pub(crate) fn read_bytes(file: &Path, what: &str) -> Result<Vec<u8>, RigError> {
+///
+/// # Errors
+/// The file cannot be read, with what to do about it.
+pub fn read_bytes(file: &Path, what: &str) -> Result<Vec<u8>, RigError> {
     std::fs::read(file).map_err(|source| {
         let remedy = match source.kind() {
             std::io::ErrorKind::NotFound => format!("give the path of {what}"),
@@ -83,7 +89,7 @@ pub(crate) fn nearest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>)
 }
 
 /// What to do about a name that is not among `known`: the nearest one, else the list of them.
-pub(crate) fn suggest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str> + Clone) -> String {
+pub fn suggest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str> + Clone) -> String {
     if let Some(name) = nearest(wrong, known.clone()) {
         return format!("did you mean \"{name}\"?");
     }

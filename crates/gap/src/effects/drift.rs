@@ -1,0 +1,58 @@
+//! A slow change with time alone: an approach to another value since the recording began, or a straight line.
+
+use super::*;
+
+/// A slow change with time alone: an approach to another value since the recording began, or a straight line.
+pub(super) struct Drift;
+
+impl Effect for Drift {
+    fn id(&self) -> &'static str {
+        "drift"
+    }
+
+    fn words(&self) -> &'static str {
+        "a slow change with time alone"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "let the electronics warm up; tare from time to time"
+    }
+
+    fn missing(&self, session: &Session) -> Option<String> {
+        session.step_s().is_none().then(|| NO_TIME.to_owned())
+    }
+
+    fn places(&self, session: &Session) -> Vec<Place> {
+        every_channel(session)
+    }
+
+    fn shape_parameters(&self) -> &'static [(&'static str, &'static str)] {
+        &[("tau_s", "s")]
+    }
+
+    fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
+        let Some(longest_s) = session.longest_s() else { return Vec::new() };
+        geometric(0.1 * longest_s, 3.0 * longest_s, 5)
+    }
+
+    fn is_continuous(&self) -> bool {
+        true
+    }
+
+    fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
+        let Place::Channel(channel) = place else { return Vec::new() };
+        let own = &session.channels[channel];
+        let Some(time_s) = &session.time_s else { return Vec::new() };
+        let start_s = time_s.iter().copied().fold(f64::MAX, f64::min);
+        let values = time_s.iter().map(|t_s| 1.0 - (-(t_s - start_s) / shape[0]).exp()).collect();
+        let plausible = (0.05 * own.extent()).max(3.0 * own.rms_gap());
+        vec![
+            Column::value("amplitude", &own.unit, plausible, channel, values),
+            Column::value("", &own.unit, plausible, channel, vec![1.0; session.rows()]).role(Role::Nuisance),
+        ]
+    }
+
+    fn experiment(&self) -> &'static str {
+        "the same load and pose held for an hour"
+    }
+}

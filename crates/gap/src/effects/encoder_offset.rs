@@ -1,0 +1,37 @@
+//! A joint's zero that is off: loads are those of another pose, 0.05..0.5 deg as a rule.
+
+use super::*;
+
+/// A joint's zero that is off: loads are those of another pose, 0.05..0.5 deg as a rule.
+pub(super) struct EncoderOffset;
+
+impl Effect for EncoderOffset {
+    fn id(&self) -> &'static str {
+        "encoder_offset"
+    }
+
+    fn words(&self) -> &'static str {
+        "a joint's zero that is off"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "set the joint's zero again"
+    }
+
+    fn missing(&self, session: &Session) -> Option<String> {
+        weight::without_masses(session)
+    }
+
+    fn places(&self, session: &Session) -> Vec<Place> {
+        weight::coordinates(session)
+    }
+
+    fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
+        let Place::Joint(joint) = place else { return Vec::new() };
+        weight::turn_columns(session, joint, |_| 1.0, "rad", "rad", 0.02)
+    }
+
+    fn experiment(&self) -> &'static str {
+        "held poses far apart, with a known weight at the tip"
+    }
+}

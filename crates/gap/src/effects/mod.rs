@@ -1,0 +1,266 @@
+//! The catalogue: one file an effect with its physics and source, one line in [`CATALOGUE`].
+//!
+//! Every effect says, for a place and a *shape* (the parameters that enter nonlinearly), which *columns* it adds to the
+//! simulation: change of each channel per unit of a linear parameter. Shapes are searched; the linear parameters are
+//! profiled out. A column may be *pinned*: what the physics adds then has no free size (a delayed signal less itself).
+
+mod axis;
+mod base_tilt;
+mod cable_drag;
+mod channel_coupling;
+mod creep;
+mod delay;
+mod drift;
+mod encoder_offset;
+mod friction;
+mod gain;
+mod hysteresis;
+mod joint_flexibility;
+mod link_mass;
+mod lowpass;
+mod mains_pickup;
+mod nonlinearity;
+mod payload;
+mod saturation;
+mod temperature_gain;
+mod temperature_offset;
+mod torque_ripple;
+mod weight;
+mod zero_offset;
+
+use crate::session::{Quantity, Session};
+
+/// Every effect that is looked for.
+pub static CATALOGUE: &[&dyn Effect] = &[
+    &zero_offset::ZeroOffset,
+    &gain::Gain,
+    &axis::SensingAxis,
+    &channel_coupling::ChannelCoupling,
+    &temperature_offset::TemperatureOffset,
+    &temperature_gain::TemperatureGain,
+    &drift::Drift,
+    &nonlinearity::Nonlinearity,
+    &hysteresis::Hysteresis,
+    &creep::Creep,
+    &saturation::Saturation,
+    &mains_pickup::MainsPickup,
+    &delay::Delay,
+    &lowpass::Lowpass,
+    &torque_ripple::TorqueRipple,
+    &link_mass::LinkMass,
+    &payload::Payload,
+    &base_tilt::BaseTilt,
+    &encoder_offset::EncoderOffset,
+    &joint_flexibility::JointFlexibility,
+    &friction::Friction,
+    &cable_drag::CableDrag,
+];
+
+/// Effects of the contract that need what this kind of data never has, and what that is.
+pub static OUT_OF_REACH: &[(&str, &str)] = &[
+    ("axial_force", "the whole load of each sensor's section (a run with its model)"),
+    ("spikes", "single instants as they were sampled (a run with its model)"),
+    ("external_contact", "the whole load of each sensor's section (a run with its model)"),
+];
+
+/// Where an effect sits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Place {
+    /// A channel, by index.
+    Channel(usize),
+    /// A joint of the session, by index; seen by the channels of that joint.
+    Joint(usize),
+    /// The child link of a joint of the chain, by index.
+    Link(usize),
+    /// The tip.
+    Tip,
+    /// The base.
+    Base,
+}
+
+/// What a linear parameter is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// A parameter to report.
+    Value,
+    /// Fixed at one: the shape alone gives the size.
+    Pinned,
+    /// The sine part of an amplitude.
+    Sine,
+    /// The cosine part of an amplitude.
+    Cosine,
+    /// Comes with the effect, is not reported.
+    Nuisance,
+}
+
+/// What one unit of a linear parameter adds to the simulation.
+#[derive(Debug, Clone)]
+pub struct Column {
+    /// The parameter's name; for a sine or cosine that of the amplitude.
+    pub parameter: String,
+    /// The parameter's unit.
+    pub unit: String,
+    /// What it is.
+    pub role: Role,
+    /// How large the parameter plausibly is (its unit): one standard deviation of a weak prior about zero.
+    pub plausible: f64,
+    /// Per touched channel the change (channel's unit per unit of the parameter), per row.
+    pub parts: Vec<(usize, Vec<f64>)>,
+}
+
+impl Column {
+    /// A parameter to report, on one channel.
+    fn value(parameter: &str, unit: &str, plausible: f64, channel: usize, values: Vec<f64>) -> Self {
+        Self {
+            parameter: parameter.to_owned(),
+            unit: unit.to_owned(),
+            role: Role::Value,
+            plausible,
+            parts: vec![(channel, values)],
+        }
+    }
+
+    /// What a shape adds, without a size of its own, on one channel.
+    fn pinned(channel: usize, values: Vec<f64>) -> Self {
+        Self { role: Role::Pinned, ..Self::value("", "", 1.0, channel, values) }
+    }
+
+    fn role(mut self, role: Role) -> Self {
+        self.role = role;
+        self
+    }
+}
+
+/// Parameters that enter nonlinearly, in the order of [`Effect::shape_parameters`].
+pub type Shape = Vec<f64>;
+
+/// A physical effect that a simulation may lack.
+pub trait Effect: Sync {
+    /// Its name in files and reports.
+    fn id(&self) -> &'static str;
+
+    /// What it is, in half a sentence that follows "because of".
+    fn words(&self) -> &'static str;
+
+    /// What to do about it at the robot or in the simulation.
+    fn remedy(&self) -> &'static str;
+
+    /// What the data lacks for it to be tested, if anything.
+    fn missing(&self, session: &Session) -> Option<String>;
+
+    /// Where it can sit.
+    fn places(&self, session: &Session) -> Vec<Place>;
+
+    /// Names and units of the parameters that enter nonlinearly.
+    fn shape_parameters(&self) -> &'static [(&'static str, &'static str)] {
+        &[]
+    }
+
+    /// Shapes to try, neighbours next to each other.
+    fn shapes(&self, _session: &Session, _place: Place) -> Vec<Shape> {
+        vec![Shape::new()]
+    }
+
+    /// Whether the first nonlinear parameter may lie between two shapes that were tried.
+    fn is_continuous(&self) -> bool {
+        false
+    }
+
+    /// What it adds to the simulation; nothing if that place and shape do not show in this data.
+    fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column>;
+
+    /// What another recording would need in order to tell this effect from others.
+    fn experiment(&self) -> &'static str;
+}
+
+/// The effect of this name.
+#[must_use]
+pub fn by_id(id: &str) -> Option<usize> {
+    CATALOGUE.iter().position(|effect| effect.id() == id)
+}
+
+/// A place for every channel.
+fn every_channel(session: &Session) -> Vec<Place> {
+    (0..session.channels.len()).map(Place::Channel).collect()
+}
+
+/// Channels of a joint that measure a moment, by the joint's index.
+fn joints_with_moments(session: &Session) -> Vec<Place> {
+    (0..session.joints.len())
+        .filter(|joint| moment_channels(session, *joint).next().is_some())
+        .map(Place::Joint)
+        .collect()
+}
+
+fn moment_channels(session: &Session, joint: usize) -> impl Iterator<Item = usize> + '_ {
+    let of_joint = move |(_, c): &(usize, &crate::session::Channel)| {
+        c.joint == Some(joint) && c.quantity == Quantity::Moment
+    };
+    session.channels.iter().enumerate().filter(of_joint).map(|(index, _)| index)
+}
+
+/// Several geometric steps from `low` to `high`, both included.
+fn geometric(low: f64, high: f64, count: usize) -> Vec<Shape> {
+    let steps = count.saturating_sub(1).max(1) as f64;
+    (0..count).map(|k| vec![low * (high / low).powf(k as f64 / steps)]).collect()
+}
+
+/// What a first-order lag (s) makes of a signal, each segment by itself, from its first value: exact for a signal that
+/// goes straight from instant to instant.
+fn lagged(session: &Session, values: &[f64], tau_s: f64) -> Vec<f64> {
+    let Some(time_s) = &session.time_s else { return values.to_vec() };
+    if tau_s <= 0.0 {
+        return values.to_vec();
+    }
+    let mut out = values.to_vec();
+    for rows in &session.segments {
+        for row in rows.clone().skip(1) {
+            let step_s = time_s[row] - time_s[row - 1];
+            let decay = (-step_s / tau_s).exp();
+            let slope = (values[row] - values[row - 1]) / step_s;
+            let behind = out[row - 1] - values[row - 1] + slope * tau_s;
+            out[row] = values[row] - slope * tau_s + behind * decay;
+        }
+    }
+    out
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+fn deviation(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    (values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / values.len().max(1) as f64).sqrt()
+}
+
+const NO_TIME: &str = "the instants' time (time = \"COLUMN\")";
+const NO_MOTION: &str = "the joints' positions and time ([[joint]] with position, time = \"COLUMN\")";
+const NO_JOINT: &str = "joint torque channels ([[channel]] with unit = \"Nm\" and joint)";
+const NO_SIGNAL: &str = "a simulated signal that changes";
+
+/// The simulated signal changes enough to have a shape.
+fn moves(session: &Session, channel: usize) -> bool {
+    let channel = &session.channels[channel];
+    deviation(&channel.simulated) > 1e-6 * (channel.rms_gap() + channel.simulated[0].abs())
+}
+
+/// A place for every channel whose simulated signal changes.
+fn moving_channels(session: &Session) -> Vec<Place> {
+    (0..session.channels.len()).filter(|channel| moves(session, *channel)).map(Place::Channel).collect()
+}
+
+fn without_signal(session: &Session) -> Option<String> {
+    moving_channels(session).is_empty().then(|| NO_SIGNAL.to_owned())
+}
+
+fn without_time_or_signal(session: &Session) -> Option<String> {
+    if session.time_s.is_none() { Some(NO_TIME.to_owned()) } else { without_signal(session) }
+}
+
+fn without_moving_joint(session: &Session) -> Option<String> {
+    if session.joints.is_empty() || session.time_s.is_none() {
+        return Some(NO_MOTION.to_owned());
+    }
+    joints_with_moments(session).is_empty().then(|| NO_JOINT.to_owned())
+}

@@ -1,0 +1,51 @@
+//! A signal that ends at a limit: amplifier or converter at its rail.
+
+use super::*;
+
+/// A signal that ends at a limit: amplifier or converter at its rail.
+pub(super) struct Saturation;
+
+impl Effect for Saturation {
+    fn id(&self) -> &'static str {
+        "saturation"
+    }
+
+    fn words(&self) -> &'static str {
+        "a signal that ends at a limit"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "lower the amplifier's gain"
+    }
+
+    fn missing(&self, session: &Session) -> Option<String> {
+        without_signal(session)
+    }
+
+    fn places(&self, session: &Session) -> Vec<Place> {
+        moving_channels(session)
+    }
+
+    fn shape_parameters(&self) -> &'static [(&'static str, &'static str)] {
+        &[("limit", "channel's unit")]
+    }
+
+    fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
+        let _ = session;
+        [-0.95, -0.9, -0.8, -0.7, -0.6, -0.4, 0.4, 0.6, 0.7, 0.8, 0.9, 0.95].map(|part| vec![part]).to_vec()
+    }
+
+    fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
+        let Place::Channel(channel) = place else { return Vec::new() };
+        let own = &session.channels[channel];
+        let (low, high) = own.simulated.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+        let (middle, half) = ((low + high) / 2.0, (high - low) / 2.0);
+        let limit = middle + shape[0] * half;
+        let beyond = |signal: &f64| if shape[0] > 0.0 { limit.min(*signal) } else { limit.max(*signal) };
+        vec![Column::pinned(channel, own.simulated.iter().map(|s| beyond(s) - s).collect())]
+    }
+
+    fn experiment(&self) -> &'static str {
+        "loads up to the sensor's limit"
+    }
+}

@@ -1,0 +1,62 @@
+//! Gears and bearings: sine and cosine of multiples of the joint's angle, even 2kN for a harmonic drive of ratio N.
+//!
+//! T. Tuttle, W. Seering, IEEE Trans. Robotics and Automation 12, 1996: kinematic error of harmonic drives at two cycles per turn of the
+//! wave generator.
+
+use super::*;
+
+/// Ripple of a gear.
+pub(super) struct TorqueRipple;
+
+impl Effect for TorqueRipple {
+    fn id(&self) -> &'static str {
+        "torque_ripple"
+    }
+
+    fn words(&self) -> &'static str {
+        "a ripple that repeats with the joint's angle"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "compensate by the joint's angle"
+    }
+
+    fn missing(&self, session: &Session) -> Option<String> {
+        without_moving_joint(session)
+    }
+
+    fn places(&self, session: &Session) -> Vec<Place> {
+        joints_with_moments(session)
+    }
+
+    fn shape_parameters(&self) -> &'static [(&'static str, &'static str)] {
+        &[("cycles_per_rev", "1")]
+    }
+
+    fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
+        let _ = session;
+        // Lower orders are what weight makes of the angle.
+        [4, 6, 8, 10, 12, 16, 20, 24, 30, 32, 36, 40, 48, 50, 60, 64, 72, 80, 100, 120, 128, 144, 160, 200, 202, 240, 320, 322]
+            .map(|order| vec![f64::from(order)])
+            .to_vec()
+    }
+
+    fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
+        let Place::Joint(joint) = place else { return Vec::new() };
+        let moving = &session.joints[joint];
+        let turn = |q: &f64| shape[0] * q;
+        let mut columns = Vec::new();
+        for channel in moment_channels(session, joint) {
+            let size_nm = 3.0 * session.channels[channel].rms_gap();
+            let sine = Column::value("amplitude", "Nm", size_nm, channel, moving.position_rad.iter().map(|q| turn(q).sin()).collect());
+            let cosine = Column { parts: vec![(channel, moving.position_rad.iter().map(|q| turn(q).cos()).collect())], ..sine.clone() };
+            columns.push(sine.role(Role::Sine));
+            columns.push(cosine.role(Role::Cosine));
+        }
+        columns
+    }
+
+    fn experiment(&self) -> &'static str {
+        "each joint turned slowly and evenly through its range"
+    }
+}

@@ -1,0 +1,238 @@
+//! Which effects, and where: forward steps, a swap of shapes, backward steps, all scored on what was left out.
+//!
+//! A forward step takes one (effect, place), or an effect at all places where it helps at once. It must lower the squared
+//! residual of left-out folds by a practical minimum, beyond what drawing blocks anew explains, and in most folds. Where
+//! several are as good within that, the one with the fewest parameters is taken.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::bootstrap::Bootstrap;
+use crate::effects::{CATALOGUE, Place};
+use crate::fit::{Design, Fold};
+use crate::library::{Library, TermId};
+use crate::screen::Screen;
+
+/// Share of the reducible gap that a further effect must explain, and a further place of one already found.
+const LEAST_SHARE: f64 = 0.01;
+const LEAST_SHARE_OF_PLACE: f64 = 0.003;
+/// Effects at most.
+const MOST_EFFECTS: usize = 6;
+/// Steps at most: effects times places.
+const MOST_STEPS: usize = 40;
+/// Candidates of a step that are fitted and scored after the screening.
+const SCORED: usize = 14;
+/// Share of draws in which an improvement may fail to show.
+const DOUBT: f64 = 0.005;
+/// Candidates whose improvements differ by less than this share of the larger are equally good.
+const EQUALLY_GOOD: f64 = 0.03;
+
+/// What may be chosen: per (effect, place) the terms of its shapes.
+pub(crate) struct Candidates {
+    shapes: BTreeMap<(usize, usize), Vec<TermId>>,
+}
+
+impl Candidates {
+    /// All terms of the testable effects.
+    pub(crate) fn all(library: &mut Library<'_>, mut tell: impl FnMut(usize)) -> Self {
+        let mut shapes = BTreeMap::new();
+        for (effect, entry) in CATALOGUE.iter().enumerate() {
+            tell(effect);
+            if entry.missing(library.session).is_some() {
+                continue;
+            }
+            for (number, place) in entry.places(library.session).into_iter().enumerate() {
+                let terms: Vec<TermId> = entry
+                    .shapes(library.session, place)
+                    .iter()
+                    .filter_map(|shape| library.term(effect, place, shape))
+                    .collect();
+                if !terms.is_empty() {
+                    shapes.insert((effect, number), terms);
+                }
+            }
+        }
+        Self { shapes }
+    }
+
+    /// Terms by effect and place.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, &[TermId])> {
+        self.shapes.iter().map(|((effect, _), terms)| (*effect, terms.as_slice()))
+    }
+}
+
+/// Blocks to choose on, in folds.
+pub(crate) struct Training {
+    pub(crate) blocks: Vec<usize>,
+    pub(crate) folds: Vec<Fold>,
+    /// Squared residual that noise leaves on all these blocks.
+    pub(crate) floor: f64,
+}
+
+/// A set of terms with its squared residual per left-out block.
+#[derive(Clone)]
+pub(crate) struct Choice {
+    pub(crate) terms: Vec<TermId>,
+    pub(crate) residual: Vec<f64>,
+}
+
+/// The search on one training set.
+pub(crate) struct Search<'c, 'l, 's> {
+    pub(crate) library: &'l mut Library<'s>,
+    pub(crate) candidates: &'c Candidates,
+    pub(crate) training: &'c Training,
+    pub(crate) bootstrap: &'c Bootstrap,
+}
+
+impl Search<'_, '_, '_> {
+    /// Chooses terms.
+    pub(crate) fn run(&mut self) -> Choice {
+        let mut choice = self.choice(Vec::new());
+        let reducible = (choice.residual.iter().sum::<f64>() - self.training.floor).max(0.0);
+        for _ in 0..MOST_STEPS {
+            let Some(next) = self.forward(&choice, reducible) else { break };
+            choice = self.better_shapes(next);
+            choice = self.backward(choice, reducible);
+        }
+        choice
+    }
+
+    /// The terms with their left-out residuals.
+    pub(crate) fn choice(&mut self, terms: Vec<TermId>) -> Choice {
+        self.library.prepare(&terms, &terms);
+        let residual = Design::new(self.library, &terms).left_out(&self.training.folds);
+        Choice { terms, residual }
+    }
+
+    fn effects(&self, terms: &[TermId]) -> BTreeSet<usize> {
+        terms.iter().map(|id| self.library.terms[*id].effect).collect()
+    }
+
+    /// Best shape of every (effect, place) that may be added, with its fall of the squared residual where it is fitted.
+    pub(crate) fn screened(&mut self, terms: &[TermId], allowed: impl Fn(usize) -> bool) -> Vec<(f64, TermId)> {
+        let taken: BTreeSet<(usize, Place)> = terms.iter().map(|id| self.site(*id)).collect();
+        let open: Vec<&[TermId]> = self
+            .candidates
+            .iter()
+            .filter(|(effect, shapes)| allowed(*effect) && !taken.contains(&self.site(shapes[0])))
+            .map(|(_, shapes)| shapes)
+            .collect();
+        let all: Vec<TermId> = open.iter().flat_map(|shapes| shapes.iter().copied()).collect();
+        self.library.prepare(&all, terms);
+        let screen = Screen::new(self.library, terms, &self.training.blocks);
+        open.iter()
+            .filter_map(|shapes| {
+                let gains = shapes.iter().map(|id| (screen.gain(*id), *id));
+                gains.max_by(|a, b| a.0.total_cmp(&b.0))
+            })
+            .collect()
+    }
+
+    fn site(&self, id: TermId) -> (usize, Place) {
+        (self.library.terms[id].effect, self.library.terms[id].place)
+    }
+
+    fn forward(&mut self, choice: &Choice, reducible: f64) -> Option<Choice> {
+        let effects = self.effects(&choice.terms);
+        let may_grow = effects.len() < MOST_EFFECTS;
+        let mut screened = self.screened(&choice.terms, |effect| may_grow || effects.contains(&effect));
+        screened.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut steps: Vec<Vec<TermId>> = screened.iter().take(SCORED).map(|(_, id)| vec![*id]).collect();
+        steps.extend(self.groups(&screened, reducible));
+        let mut scored: Vec<(f64, usize, Choice)> = Vec::new();
+        for step in steps {
+            let freedom = step.iter().map(|id| self.library.terms[*id].freedom()).sum();
+            let is_new = step.iter().any(|id| !effects.contains(&self.library.terms[*id].effect));
+            let least = reducible * if is_new { LEAST_SHARE } else { LEAST_SHARE_OF_PLACE };
+            let next = self.choice(choice.terms.iter().copied().chain(step).collect());
+            if self.improves(choice, &next, least) {
+                scored.push((sum_of_difference(choice, &next), freedom, next));
+            }
+        }
+        let best = scored.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (gain, residual) = (best.0, best.2.residual.clone());
+        let as_good = |other: &&(f64, usize, Choice)| {
+            let behind: Vec<f64> = other.2.residual.iter().zip(&residual).map(|(a, b)| a - b).collect();
+            gain - other.0 <= EQUALLY_GOOD * gain
+                || (gain - other.0 <= 0.2 * gain && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
+        };
+        let simplest = scored.iter().filter(as_good).min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0)))?;
+        Some(simplest.2.clone())
+    }
+
+    /// Every effect at all the places where it could help.
+    fn groups(&self, screened: &[(f64, TermId)], reducible: f64) -> Vec<Vec<TermId>> {
+        let mut groups: BTreeMap<usize, Vec<TermId>> = BTreeMap::new();
+        for (gain, id) in screened {
+            if *gain > reducible * LEAST_SHARE_OF_PLACE {
+                groups.entry(self.library.terms[*id].effect).or_default().push(*id);
+            }
+        }
+        groups.into_values().filter(|terms| terms.len() > 1).collect()
+    }
+
+    /// Whether `next` is better than `now` on what was left out, by at least `least`, beyond doubt and in most folds.
+    fn improves(&self, now: &Choice, next: &Choice, least: f64) -> bool {
+        let gains: Vec<f64> = now.residual.iter().zip(&next.residual).map(|(a, b)| a - b).collect();
+        let folds = &self.training.folds;
+        let better =
+            folds.iter().filter(|fold| fold.score.iter().map(|block| gains[*block]).sum::<f64>() > 0.0).count();
+        gains.iter().sum::<f64>() > least
+            && 3 * better >= 2 * folds.len()
+            && self.bootstrap.quantile_of_sum(&gains, DOUBT) > 0.0
+    }
+
+    /// Tries the other shapes of every term.
+    fn better_shapes(&mut self, mut choice: Choice) -> Choice {
+        for index in 0..choice.terms.len() {
+            let site = self.site(choice.terms[index]);
+            let found = self.candidates.iter().find(|(_, shapes)| self.site(shapes[0]) == site);
+            let Some((_, shapes)) = found.filter(|(_, shapes)| shapes.len() > 1) else { continue };
+            let others: Vec<TermId> = without(&choice.terms, index);
+            self.library.prepare(shapes, &others);
+            let screen = Screen::new(self.library, &others, &self.training.blocks);
+            let best = shapes.iter().map(|id| (screen.gain(*id), *id)).max_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((_, id)) = best.filter(|(_, id)| *id != choice.terms[index]) else { continue };
+            let mut terms = choice.terms.clone();
+            terms[index] = id;
+            let other = self.choice(terms);
+            if sum_of_difference(&choice, &other) > 0.0 {
+                choice = other;
+            }
+        }
+        choice
+    }
+
+    /// Drops terms that the others made superfluous, the least useful first.
+    fn backward(&mut self, mut choice: Choice, reducible: f64) -> Choice {
+        while choice.terms.len() > 1 {
+            let mut worst: Option<(f64, Choice)> = None;
+            for index in 0..choice.terms.len() {
+                let smaller = self.choice(without(&choice.terms, index));
+                let only = choice.terms.iter().filter(|id| self.same_effect(**id, choice.terms[index])).count() == 1;
+                let least = reducible * if only { LEAST_SHARE } else { LEAST_SHARE_OF_PLACE };
+                let gain = sum_of_difference(&smaller, &choice);
+                if !self.improves(&smaller, &choice, least) && worst.as_ref().is_none_or(|(w, _)| gain < *w) {
+                    worst = Some((gain, smaller));
+                }
+            }
+            match worst {
+                Some((_, smaller)) => choice = smaller,
+                None => break,
+            }
+        }
+        choice
+    }
+
+    fn same_effect(&self, a: TermId, b: TermId) -> bool {
+        self.library.terms[a].effect == self.library.terms[b].effect
+    }
+}
+
+/// How much less `next` leaves than `now`.
+pub(crate) fn sum_of_difference(now: &Choice, next: &Choice) -> f64 {
+    now.residual.iter().zip(&next.residual).map(|(a, b)| a - b).sum()
+}
+
+pub(crate) fn without(terms: &[TermId], index: usize) -> Vec<TermId> {
+    terms.iter().enumerate().filter(|(k, _)| *k != index).map(|(_, id)| *id).collect()
+}
