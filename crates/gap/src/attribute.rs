@@ -51,6 +51,13 @@ impl Subsets {
         &self.residuals[self.residuals.len() - 1]
     }
 
+    /// The effect that helps least, if it does not help at all.
+    pub(crate) fn failing(&self) -> Option<usize> {
+        let values = (0..self.effects.len()).map(|bit| (self.shapley(bit).iter().sum::<f64>(), bit));
+        let (value, bit) = values.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (value <= 0.0).then_some(bit)
+    }
+
     /// Per block the Shapley value of an effect's part in the fall of the squared residual (L. Shapley, A value for n-person
     /// games, 1953): the mean over all orders of what it adds to those before it. Values of all effects add up to the fall.
     pub(crate) fn shapley(&self, bit: usize) -> Vec<f64> {
@@ -85,7 +92,7 @@ pub(crate) struct Rivals {
 /// A rival explains at least this share of what the effect explains, and cannot be told from it by drawing blocks ...
 const NEAR: f64 = 0.85;
 /// ... or at least this share, whatever the draws say.
-const AS_GOOD: f64 = 0.97;
+const AS_GOOD: f64 = 0.94;
 
 /// Puts every other effect into the place of this one.
 pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usize) -> Rivals {
@@ -94,28 +101,19 @@ pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usi
     let rest: Vec<TermId> = main.terms.iter().copied().filter(|id| !is_own(search, id)).collect();
     let without = search.choice(rest.clone());
     let gain = sum_of_difference(&without, main);
-    let freedom: usize = own.iter().map(|id| search.library.terms[*id].freedom()).sum();
-    let taken: BTreeSet<usize> = main.terms.iter().map(|id| search.library.terms[*id].effect).collect();
-    let mut by_effect: BTreeMap<usize, Vec<(f64, TermId)>> = BTreeMap::new();
-    for (gain, id) in search.screened(&rest, |other| !taken.contains(&other)) {
-        let term = &search.library.terms[id];
-        if gain > 0.0 && own.iter().any(|own| search.library.terms[*own].touches(term)) {
-            by_effect.entry(term.effect).or_default().push((gain, id));
-        }
-    }
+    let freedom = freedom_of(search, &own);
     let mut indistinguishable = Vec::new();
     let mut others = vec![without];
-    for (rival, mut terms) in by_effect {
-        terms.sort_by(|a, b| b.0.total_cmp(&a.0));
-        terms.truncate(own.len());
-        let ids: Vec<TermId> = terms.iter().map(|(_, id)| *id).collect();
-        let free: usize = ids.iter().map(|id| search.library.terms[*id].freedom()).sum();
-        let other = search.choice(rest.iter().copied().chain(ids).collect());
+    for (rival, other) in search.replacements(main, effect) {
+        let free: usize = other.terms.iter().map(|id| search.library.terms[*id].freedom()).sum();
         let reached = gain - sum_of_difference(&other, main);
         let behind: Vec<f64> = other.residual.iter().zip(&main.residual).map(|(a, b)| a - b).collect();
         let unclear = search.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0;
-        if free <= 2 * freedom + 1 && (reached >= AS_GOOD * gain || (reached >= NEAR * gain && unclear)) {
-            indistinguishable.push(rival);
+        if reached >= AS_GOOD * gain || (reached >= NEAR * gain && unclear) {
+            // What needs many more parameters to do the same is no rival.
+            if free <= freedom_of(search, &main.terms) + freedom + 1 {
+                indistinguishable.push(rival);
+            }
         } else {
             others.push(other);
         }
@@ -125,6 +123,10 @@ pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usi
         Some(f64::from(u8::from(others.iter().all(|other| weighted(counts, &other.residual) > own))))
     });
     Rivals { indistinguishable, confidence: (wins.iter().sum::<f64>() / wins.len().max(1) as f64).min(0.99) }
+}
+
+fn freedom_of(search: &Search<'_, '_, '_>, terms: &[TermId]) -> usize {
+    terms.iter().map(|id| search.library.terms[*id].freedom()).sum()
 }
 
 /// Interval of 95 % of a ratio of sums over scored blocks.

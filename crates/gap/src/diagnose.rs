@@ -50,18 +50,18 @@ pub fn diagnose(session: &Session, mut tell: impl FnMut(u64, u64)) -> Diagnosis 
         (training, choice)
     });
     step();
-    let effects = attribute::established(&library, &main, &chosen);
-    let keep = |library: &Library<'_>, terms: &[TermId]| -> Vec<TermId> {
-        terms.iter().copied().filter(|id| effects.contains(&library.terms[*id].effect)).collect()
+    let mut effects = attribute::established(&library, &main, &chosen);
+    let mut notes = session.notes.clone();
+    let subsets = loop {
+        chosen.iter_mut().for_each(|part| part.terms.retain(|id| effects.contains(&library.terms[*id].effect)));
+        let subsets = Subsets::new(&library, &chosen, &effects);
+        let Some(bit) = subsets.failing() else { break subsets };
+        let id = CATALOGUE[effects.remove(bit)].id();
+        notes.push(format!("{id} seemed to help on what was fitted, but did not on what was left out"));
     };
-    for part in &mut chosen {
-        part.terms = keep(&library, &part.terms);
-    }
     let mut search = Search { library: &mut library, candidates: &candidates, training: &training, bootstrap: &bootstrap };
-    let main = search.choice(main.terms);
-    let kept = keep(search.library, &main.terms);
+    let kept = main.terms.iter().copied().filter(|id| effects.contains(&search.library.terms[*id].effect)).collect();
     let main = search.choice(kept);
-    let subsets = Subsets::new(search.library, &chosen, &effects);
     let scored: Vec<usize> = chosen.iter().flat_map(|part| part.fold.score.clone()).collect();
     let measure = Measure::new(session, &subsets, &scored, &bootstrap);
     let mut findings = Vec::with_capacity(effects.len());
@@ -81,7 +81,6 @@ pub fn diagnose(session: &Session, mut tell: impl FnMut(u64, u64)) -> Diagnosis 
     step();
     let located = location::locate(search.library, &chosen);
     let verdict = measure.verdict();
-    let mut notes = session.notes.clone();
     notes.extend(measure.note());
     Diagnosis {
         format: 1,

@@ -16,28 +16,47 @@ const FOLDS: usize = 10;
 pub(crate) struct Recording {
     pub(crate) name: String,
     pub(crate) rows: Range<usize>,
+    /// The earlier recording with the same motion and load, by index.
+    pub(crate) repeats: Option<usize>,
 }
 
-/// The division by recordings, those named `reserved` kept for the final figures.
+/// The division by recordings, those named `reserved` kept for the final figures. A recording and its repeats are one unit, and
+/// what they have at the same time is one block: it would be no news to the other.
+
 pub(crate) fn by_recording(recordings: &[Recording], reserved: &[String]) -> HoldOut {
-    let units: Vec<String> = recordings.iter().map(|r| r.name.clone()).collect();
-    let kept = (0..units.len()).filter(|unit| reserved.contains(&units[*unit])).collect();
+    let mut units: Vec<String> = Vec::new();
+    let mut unit_of: Vec<usize> = Vec::new();
+    for recording in recordings {
+        unit_of.push(recording.repeats.map_or(units.len(), |first| unit_of[first]));
+        match recording.repeats {
+            Some(first) => {
+                let unit: &mut String = &mut units[unit_of[first]];
+                unit.push_str(" with ");
+                unit.push_str(&recording.name);
+            }
+            None => units.push(recording.name.clone()),
+        }
+    }
+    let is_reserved = |(recording, unit): (&Recording, &usize)| reserved.contains(&recording.name).then_some(*unit);
+    let mut kept: Vec<usize> = recordings.iter().zip(&unit_of).filter_map(is_reserved).collect();
+    kept.dedup();
     let words = if reserved.is_empty() {
-        format!("each of {} recordings left out in turn", units.len())
+        format!("left out in turn: {}", units.join(", "))
     } else {
-        format!("recordings {} left out of everything", reserved.join(", "))
+        format!("left out of everything: {}", reserved.join(", "))
     };
-    divide(units, recordings.iter().map(|r| r.rows.clone()).enumerate(), kept, words)
+    let parts: Vec<(usize, Range<usize>)> = unit_of.into_iter().zip(recordings.iter().map(|r| r.rows.clone())).collect();
+    divide(units, &parts, kept, words)
 }
 
 /// Ten contiguous blocks of time.
 pub(crate) fn by_time(rows: usize) -> HoldOut {
     let folds = FOLDS.min(rows);
-    let parts = (0..folds).map(|fold| (fold, rows * fold / folds..rows * (fold + 1) / folds));
+    let parts: Vec<_> = (0..folds).map(|fold| (fold, rows * fold / folds..rows * (fold + 1) / folds)).collect();
     let units = (0..folds).map(|fold| format!("tenth {}", fold + 1)).collect();
     let words = "one recording only: ten contiguous blocks of time left out in turn, so nothing shows whether the \
                  finding holds in another recording";
-    divide(units, parts, Vec::new(), words.to_owned())
+    divide(units, &parts, Vec::new(), words.to_owned())
 }
 
 /// Ten interleaved folds of points without a time order; every point is a block of its own where they are few.
@@ -51,18 +70,18 @@ pub(crate) fn by_point(rows: usize) -> HoldOut {
     HoldOut { units, reserved: Vec::new(), unit_of_block, block_of_row, words }
 }
 
-fn divide(
-    units: Vec<String>,
-    parts: impl Iterator<Item = (usize, Range<usize>)>,
-    reserved: Vec<usize>,
-    words: String,
-) -> HoldOut {
+fn divide(units: Vec<String>, parts: &[(usize, Range<usize>)], reserved: Vec<usize>, words: String) -> HoldOut {
     let wanted = (BLOCKS / units.len().max(1)).max(FEWEST_BLOCKS_A_UNIT);
-    let mut division = HoldOut { units, reserved, unit_of_block: Vec::new(), block_of_row: Vec::new(), words };
+    let mut division =
+        HoldOut { units, reserved, unit_of_block: Vec::new(), block_of_row: Vec::new(), words };
     for (unit, rows) in parts {
-        let blocks = wanted.min(rows.len());
-        let first = division.unit_of_block.len();
-        division.unit_of_block.extend(std::iter::repeat_n(unit, blocks));
+        let first = division.unit_of_block.iter().position(|known| known == unit);
+        let first = first.unwrap_or_else(|| {
+            let first = division.unit_of_block.len();
+            division.unit_of_block.extend(std::iter::repeat_n(*unit, wanted.min(rows.len())));
+            first
+        });
+        let blocks = division.unit_of_block.iter().filter(|known| *known == unit).count();
         division.block_of_row.extend((0..rows.len()).map(|row| first + row * blocks / rows.len()));
     }
     division
@@ -75,7 +94,7 @@ mod tests {
     #[test]
     fn every_row_is_in_a_block_of_its_unit_and_blocks_are_contiguous_in_time() {
         let recordings = [("a", 0..100), ("b", 100..103), ("c", 103..1000)]
-            .map(|(name, rows)| Recording { name: name.to_owned(), rows });
+            .map(|(name, rows)| Recording { name: name.to_owned(), rows, repeats: None });
         let division = by_recording(&recordings, &["c".to_owned()]);
         assert_eq!(division.reserved, [2]);
         assert_eq!(division.block_of_row.len(), 1000);
@@ -84,6 +103,17 @@ mod tests {
             assert_eq!(division.unit_of_block[division.block_of_row[recording.1]], recording.0);
         }
         assert_eq!(division.unit_of_block.iter().filter(|unit| **unit == 1).count(), 3);
+    }
+
+    #[test]
+    fn repeats_share_their_unit_and_blocks() {
+        let recording = |name: &str, rows, repeats| Recording { name: name.to_owned(), rows, repeats };
+        let recordings =
+            [recording("a", 0..100, None), recording("b", 100..200, None), recording("c", 200..300, Some(0))];
+        let division = by_recording(&recordings, &[]);
+        assert_eq!(division.units, ["a with c", "b"]);
+        assert_eq!(division.block_of_row[10], division.block_of_row[210]);
+        assert!(!division.block_of_row[100..200].contains(&division.block_of_row[10]));
     }
 
     #[test]

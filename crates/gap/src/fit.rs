@@ -23,6 +23,7 @@ pub(crate) struct Design {
     pinned: Vec<bool>,
     /// Inverse squares of the plausible ranges.
     prior: Vec<f64>,
+    ranges: Vec<[f64; 2]>,
     blocks: Vec<(DMatrix<f64>, DVector<f64>)>,
     squared: Vec<f64>,
     block_values: f64,
@@ -32,11 +33,12 @@ impl Design {
     /// Assembles the terms; their pairs must be prepared.
     pub(crate) fn new(library: &Library<'_>, terms: &[TermId]) -> Self {
         let mut offsets = vec![0];
-        let (mut pinned, mut prior) = (Vec::new(), Vec::new());
+        let (mut pinned, mut prior, mut ranges) = (Vec::new(), Vec::new(), Vec::new());
         for &id in terms {
             for column in &library.terms[id].columns {
                 pinned.push(column.role == Role::Pinned);
                 prior.push(column.plausible.powi(-2));
+                ranges.push(column.range);
             }
             offsets.push(pinned.len());
         }
@@ -63,7 +65,7 @@ impl Design {
             }
         }
         let block_values = library.counts.iter().sum::<f64>() / count.max(1) as f64;
-        Self { offsets, pinned, prior, blocks, squared: library.squared.clone(), block_values }
+        Self { offsets, pinned, prior, ranges, blocks, squared: library.squared.clone(), block_values }
     }
 
     /// Number of columns.
@@ -123,6 +125,12 @@ impl Design {
             let own = if r == c { weight * self.prior[free[r]] + 1e-12 * normal[(free[r], free[r])] } else { 0.0 };
             normal[(free[r], free[c])] + own
         })
+    }
+
+    /// Whether all parameters are what physics and practice allow.
+    pub(crate) fn is_plausible(&self, parameters: &DVector<f64>) -> bool {
+        let mut fitted = (0..self.width()).filter(|k| !self.pinned[*k]);
+        fitted.all(|k| (self.ranges[k][0]..=self.ranges[k][1]).contains(&parameters[k]))
     }
 
     /// Squared residual of a block.

@@ -10,6 +10,8 @@ use std::rc::Rc;
 use crate::effects::{CATALOGUE, Column, Place, Role, Shape};
 use crate::session::Session;
 
+/// So many times its plausible range no parameter is.
+const IMPLAUSIBLE: f64 = 4.0;
 /// Columns that are kept rather than computed again, bytes.
 const KEPT_BYTES: usize = 120 << 20;
 
@@ -36,6 +38,8 @@ pub(crate) struct Heading {
     pub(crate) unit: String,
     pub(crate) role: Role,
     pub(crate) plausible: f64,
+    /// What the parameter may be.
+    pub(crate) range: [f64; 2],
 }
 
 impl Term {
@@ -138,6 +142,7 @@ impl<'a> Library<'a> {
             unit: c.unit.clone(),
             role: c.role,
             plausible: c.plausible,
+            range: [if c.is_positive { 0.0 } else { -IMPLAUSIBLE * c.plausible }, IMPLAUSIBLE * c.plausible],
         };
         let own = products(self.session, &columns, &columns);
         let gap = with_gap(self.session, &columns);

@@ -37,6 +37,8 @@ impl<'l, 's> Screen<'l, 's> {
     }
 
     /// Fall of the squared residual if the candidate joined; its pairs with the terms must be prepared.
+    ///
+    /// Nothing where the parameters would not be plausible.
     pub(crate) fn gain(&self, candidate: TermId) -> f64 {
         let term = &self.library.terms[candidate];
         let width = term.width();
@@ -66,6 +68,12 @@ impl<'l, 's> Screen<'l, 's> {
             // What the chosen terms already span must not divide by its own rounding.
             schur[(k, k)] += 1e-9 * sum(&|block| own.at(block, k, k));
         }
-        schur.cholesky().map_or(0.0, |factor| factor.solve(&right).dot(&right))
+        let Some(factor) = schur.cholesky() else { return 0.0 };
+        let parameters = factor.solve(&right);
+        let mut headings = term.columns.iter().zip(parameters.iter());
+        if headings.any(|(heading, value)| !(heading.range[0]..=heading.range[1]).contains(value)) {
+            return 0.0;
+        }
+        parameters.dot(&right)
     }
 }

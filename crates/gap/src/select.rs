@@ -25,6 +25,10 @@ const SCORED: usize = 14;
 const DOUBT: f64 = 0.005;
 /// Candidates whose improvements differ by less than this share of the larger are equally good.
 const EQUALLY_GOOD: f64 = 0.03;
+/// So far apart they may be if drawing blocks anew does not tell them apart.
+const UNCLEAR: f64 = 0.2;
+/// Effects from which the search begins, each by itself.
+const BEGINNINGS: usize = 4;
 
 /// What may be chosen: per (effect, place) the terms of its shapes.
 pub(crate) struct Candidates {
@@ -84,16 +88,23 @@ pub(crate) struct Search<'c, 'l, 's> {
 }
 
 impl Search<'_, '_, '_> {
-    /// Chooses terms.
+    /// Chooses terms: from each of the best beginnings on, and then the best end.
     pub(crate) fn run(&mut self) -> Choice {
-        let mut choice = self.choice(Vec::new());
-        let reducible = (choice.residual.iter().sum::<f64>() - self.training.floor).max(0.0);
-        for _ in 0..MOST_STEPS {
-            let Some(next) = self.forward(&choice, reducible) else { break };
-            choice = self.better_shapes(next);
-            choice = self.backward(choice, reducible);
+        let nothing = self.choice(Vec::new());
+        let reducible = (nothing.residual.iter().sum::<f64>() - self.training.floor).max(0.0);
+        let mut ends = Vec::new();
+        for beginning in self.steps(&nothing, reducible, BEGINNINGS) {
+            let mut choice = beginning;
+            for _ in 0..MOST_STEPS {
+                choice = self.better_shapes(choice);
+                choice = self.backward(choice, reducible);
+                let Some(next) = self.steps(&choice, reducible, 1).pop() else { break };
+                choice = next;
+            }
+            choice = self.swapped(choice, reducible);
+            ends.push((sum_of_difference(&nothing, &choice), self.freedom(&choice.terms), choice));
         }
-        choice
+        self.simplest(&ends).unwrap_or(nothing)
     }
 
     /// The terms with their left-out residuals.
@@ -131,32 +142,90 @@ impl Search<'_, '_, '_> {
         (self.library.terms[id].effect, self.library.terms[id].place)
     }
 
-    fn forward(&mut self, choice: &Choice, reducible: f64) -> Option<Choice> {
+    fn freedom(&self, terms: &[TermId]) -> usize {
+        terms.iter().map(|id| self.library.terms[*id].freedom()).sum()
+    }
+
+    /// The best ways to go on, one an effect, the best last; none where nothing improves.
+    fn steps(&mut self, choice: &Choice, reducible: f64, wanted: usize) -> Vec<Choice> {
         let effects = self.effects(&choice.terms);
         let may_grow = effects.len() < MOST_EFFECTS;
         let mut screened = self.screened(&choice.terms, |effect| may_grow || effects.contains(&effect));
         screened.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut steps: Vec<Vec<TermId>> = screened.iter().take(SCORED).map(|(_, id)| vec![*id]).collect();
         steps.extend(self.groups(&screened, reducible));
-        let mut scored: Vec<(f64, usize, Choice)> = Vec::new();
+        let mut scored: BTreeMap<usize, Vec<(f64, usize, Choice)>> = BTreeMap::new();
         for step in steps {
-            let freedom = step.iter().map(|id| self.library.terms[*id].freedom()).sum();
-            let is_new = step.iter().any(|id| !effects.contains(&self.library.terms[*id].effect));
-            let least = reducible * if is_new { LEAST_SHARE } else { LEAST_SHARE_OF_PLACE };
+            let effect = self.library.terms[step[0]].effect;
+            let least = reducible * if effects.contains(&effect) { LEAST_SHARE_OF_PLACE } else { LEAST_SHARE };
+            let freedom = self.freedom(&step);
             let next = self.choice(choice.terms.iter().copied().chain(step).collect());
-            if self.improves(choice, &next, least) {
-                scored.push((sum_of_difference(choice, &next), freedom, next));
+            if self.is_plausible(&next) && self.improves(choice, &next, least) {
+                scored.entry(effect).or_default().push((sum_of_difference(choice, &next), freedom, next));
             }
         }
-        let best = scored.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let (gain, residual) = (best.0, best.2.residual.clone());
+        let mut best: Vec<(f64, usize, Choice)> = Vec::new();
+        for ways in scored.into_values() {
+            let Some(simplest) = self.simplest(&ways) else { continue };
+            best.push((sum_of_difference(choice, &simplest), self.freedom(&simplest.terms), simplest));
+        }
+        if wanted == 1 {
+            return self.simplest(&best).into_iter().collect();
+        }
+        best.sort_by(|a, b| a.0.total_cmp(&b.0));
+        best.split_off(best.len().saturating_sub(wanted)).into_iter().map(|(_, _, choice)| choice).collect()
+    }
+
+    /// The one with the fewest parameters among those (gain, parameters, choice) that are as good as the best.
+    fn simplest(&self, ways: &[(f64, usize, Choice)]) -> Option<Choice> {
+        let (gain, _, best) = ways.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
         let as_good = |other: &&(f64, usize, Choice)| {
-            let behind: Vec<f64> = other.2.residual.iter().zip(&residual).map(|(a, b)| a - b).collect();
+            let behind: Vec<f64> = other.2.residual.iter().zip(&best.residual).map(|(a, b)| a - b).collect();
             gain - other.0 <= EQUALLY_GOOD * gain
-                || (gain - other.0 <= 0.2 * gain && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
+                || (gain - other.0 <= UNCLEAR * gain && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
         };
-        let simplest = scored.iter().filter(as_good).min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0)))?;
+        let simplest = ways.iter().filter(as_good).min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0)))?;
         Some(simplest.2.clone())
+    }
+
+    /// Whether the parameters that all training blocks ask for are plausible.
+    fn is_plausible(&self, choice: &Choice) -> bool {
+        let design = Design::new(self.library, &choice.terms);
+        design.is_plausible(&design.solve(&self.training.blocks))
+    }
+
+    /// Puts another effect in the place of one, where that is better beyond doubt.
+    fn swapped(&mut self, mut choice: Choice, reducible: f64) -> Choice {
+        for effect in self.effects(&choice.terms) {
+            let others = self.replacements(&choice, effect).into_iter().map(|(_, other)| other);
+            let better = others
+                .filter(|other| self.is_plausible(other) && self.improves(&choice, other, LEAST_SHARE * reducible))
+                .min_by(|a, b| a.residual.iter().sum::<f64>().total_cmp(&b.residual.iter().sum()));
+            choice = better.unwrap_or(choice);
+        }
+        choice
+    }
+
+    /// The choice with another effect, at as many places at most, instead of this one.
+    pub(crate) fn replacements(&mut self, choice: &Choice, effect: usize) -> Vec<(usize, Choice)> {
+        let (own, rest): (Vec<TermId>, Vec<TermId>) =
+            choice.terms.iter().partition(|id| self.library.terms[**id].effect == effect);
+        let taken = self.effects(&choice.terms);
+        let mut by_effect: BTreeMap<usize, Vec<(f64, TermId)>> = BTreeMap::new();
+        for (gain, id) in self.screened(&rest, |other| !taken.contains(&other)) {
+            let term = &self.library.terms[id];
+            if gain > 0.0 && own.iter().any(|own| self.library.terms[*own].touches(term)) {
+                by_effect.entry(term.effect).or_default().push((gain, id));
+            }
+        }
+        let mut out = Vec::with_capacity(by_effect.len());
+        for (other, mut terms) in by_effect {
+            terms.sort_by(|a, b| b.0.total_cmp(&a.0));
+            terms.truncate(own.len());
+            let terms = rest.iter().copied().chain(terms.iter().map(|(_, id)| *id)).collect();
+            out.push((other, self.choice(terms)));
+        }
+        out
     }
 
     /// Every effect at all the places where it could help.

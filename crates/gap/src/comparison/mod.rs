@@ -1,6 +1,7 @@
 //! A comparison directory: somebody else's simulation beside what was measured, as a [`Session`].
 
 mod description;
+mod repeats;
 mod robot;
 mod table;
 
@@ -51,6 +52,7 @@ pub fn load(dir: &Path) -> Result<Session, Error> {
         return Err(table.problem(None, problem));
     }
     let mut session = assemble(&description, &table, &plan, columns)?;
+    repeats::find(&mut session.session, &mut session.recordings);
     let held = hold_out(&description, &session, &plan.recordings(&session)).map_err(located)?;
     session.session.hold_out = held;
     if let Some(given) = &description.robot {
@@ -252,7 +254,7 @@ fn compare(
 fn gather(columns: &mut Columns) -> Vec<Recording> {
     let rows = columns.lines.len();
     if columns.texts.is_empty() {
-        return vec![Recording { name: "the recording".to_owned(), rows: 0..rows }];
+        return vec![Recording { name: "the recording".to_owned(), rows: 0..rows, repeats: None }];
     }
     let mut names: Vec<&str> = Vec::new();
     let mut places: Vec<usize> = Vec::with_capacity(rows);
@@ -272,7 +274,7 @@ fn gather(columns: &mut Columns) -> Vec<Recording> {
     let mut recordings = Vec::new();
     for (place, name) in names.iter().enumerate() {
         let count = places.iter().filter(|p| **p == place).count();
-        recordings.push(Recording { name: (*name).to_owned(), rows: first..first + count });
+        recordings.push(Recording { name: (*name).to_owned(), rows: first..first + count, repeats: None });
         first += count;
     }
     recordings

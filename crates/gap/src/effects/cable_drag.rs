@@ -40,7 +40,7 @@ impl Effect for CableDrag {
         for channel in moment_channels(session, joint) {
             let size_nm = 3.0 * session.channels[channel].rms_gap();
             let constant = Column::value("", "Nm", size_nm, channel, vec![1.0; session.rows()]);
-            columns.push(Column::value("nm_per_rad", "Nm/rad", size_nm / span, channel, turned.clone()));
+            columns.push(Column::value("nm_per_rad", "Nm/rad", size_nm / span, channel, turned.clone()).positive());
             columns.push(constant.role(Role::Nuisance));
         }
         columns

@@ -51,7 +51,7 @@ impl Effect for ChannelCoupling {
             .map(|source| {
                 let values = &session.channels[source].simulated;
                 let name = format!("relative[{}]", session.channels[source].name);
-                Column::value(&name, "1", 0.3 * span / deviation(values), channel, values.clone())
+                Column::value(&name, "1", 0.05 * span / deviation(values), channel, values.clone())
             })
             .collect()
     }

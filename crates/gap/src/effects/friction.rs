@@ -51,11 +51,11 @@ impl Effect for Friction {
             let size_nm = 3.0 * session.channels[channel].rms_gap();
             if shape[1] != VISCOUS {
                 let values = velocity.iter().map(|v| (v / shape[0]).tanh()).collect();
-                columns.push(Column::value("coulomb_nm", "Nm", size_nm, channel, values));
+                columns.push(Column::value("coulomb_nm", "Nm", size_nm, channel, values).positive());
             }
             let fastest = velocity.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
             if shape[1] != COULOMB && fastest > 0.0 {
-                columns.push(Column::value("viscous", "Nm s/rad", size_nm / fastest, channel, velocity.clone()));
+                columns.push(Column::value("viscous", "Nm s/rad", size_nm / fastest, channel, velocity.clone()).positive());
             }
         }
         columns

@@ -55,7 +55,7 @@ impl Effect for Hysteresis {
                 values[row] = play - signal;
             }
         }
-        vec![Column::value("relative", "1", 1.0, channel, values)]
+        vec![Column::value("relative", "1", 0.5, channel, values).positive()]
     }
 
     fn experiment(&self) -> &'static str {

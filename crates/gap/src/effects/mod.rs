@@ -104,6 +104,8 @@ pub struct Column {
     pub role: Role,
     /// How large the parameter plausibly is (its unit): one standard deviation of a weak prior about zero.
     pub plausible: f64,
+    /// Whether physics forbids it to be negative: springs pull back, friction brakes.
+    pub is_positive: bool,
     /// Per touched channel the change (channel's unit per unit of the parameter), per row.
     pub parts: Vec<(usize, Vec<f64>)>,
 }
@@ -116,6 +118,7 @@ impl Column {
             unit: unit.to_owned(),
             role: Role::Value,
             plausible,
+            is_positive: false,
             parts: vec![(channel, values)],
         }
     }
@@ -123,6 +126,10 @@ impl Column {
     /// What a shape adds, without a size of its own, on one channel.
     fn pinned(channel: usize, values: Vec<f64>) -> Self {
         Self { role: Role::Pinned, ..Self::value("", "", 1.0, channel, values) }
+    }
+
+    fn positive(self) -> Self {
+        Self { is_positive: true, ..self }
     }
 
     fn role(mut self, role: Role) -> Self {

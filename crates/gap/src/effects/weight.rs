@@ -120,7 +120,7 @@ pub(super) fn body_columns(session: &Session, link: usize, naming: Naming) -> Ve
         let parts = felt.iter().map(|slot| sections[*slot].0).zip(parts).collect();
         let (name, unit, plausible) =
             if k == 0 { (mass, unit, plausible) } else { (moment[k - 1], "kg m", plausible_kgm) };
-        Column { parameter: name.to_owned(), unit: unit.to_owned(), role: super::Role::Value, plausible, parts }
+        Column { parameter: name.to_owned(), unit: unit.to_owned(), role: super::Role::Value, plausible, is_positive: false, parts }
     });
     columns.filter(|column| column.parts.iter().any(|(_, v)| v.iter().any(|x| x.abs() > 1e-9))).collect()
 }
@@ -166,7 +166,7 @@ pub(super) fn turn_columns(
 }
 
 fn turned_column(parts: Vec<(usize, Vec<f64>)>, parameter: &str, unit: &str, plausible: f64) -> Column {
-    Column { parameter: parameter.to_owned(), unit: unit.to_owned(), role: super::Role::Value, plausible, parts }
+    Column { parameter: parameter.to_owned(), unit: unit.to_owned(), role: super::Role::Value, plausible, is_positive: false, parts }
 }
 
 /// Change of every joint's torque (Nm per rad) between the arm and a changed one.
