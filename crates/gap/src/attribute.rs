@@ -8,7 +8,7 @@ use crate::diagnosis::{Finding, Parameter};
 use crate::fit::{Design, Fold};
 use crate::library::{Library, TermId};
 use crate::refine::shape_sigma;
-use crate::select::{Choice, Search, sum_of_difference};
+use crate::select::{Choice, Search, sum_of_difference, without};
 
 /// An outer fold with what was chosen on its training blocks.
 pub(crate) struct Chosen {
@@ -94,30 +94,39 @@ const NEAR: f64 = 0.85;
 /// ... or at least this share, whatever the draws say.
 const AS_GOOD: f64 = 0.94;
 
-/// Puts every other effect into the place of this one.
+/// Puts every other effect into the place of this one, term by term, and as a whole.
 pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usize) -> Rivals {
-    let is_own = |search: &Search<'_, '_, '_>, id: &TermId| search.library.terms[*id].effect == effect;
-    let own: Vec<TermId> = main.terms.iter().copied().filter(|id| is_own(search, id)).collect();
-    let rest: Vec<TermId> = main.terms.iter().copied().filter(|id| !is_own(search, id)).collect();
-    let without = search.choice(rest.clone());
-    let gain = sum_of_difference(&without, main);
-    let freedom = freedom_of(search, &own);
-    let mut indistinguishable = Vec::new();
-    let mut others = vec![without];
-    for (rival, other) in search.replacements(main, effect) {
-        let free: usize = other.terms.iter().map(|id| search.library.terms[*id].freedom()).sum();
-        let reached = gain - sum_of_difference(&other, main);
-        let behind: Vec<f64> = other.residual.iter().zip(&main.residual).map(|(a, b)| a - b).collect();
-        let unclear = search.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0;
-        if reached >= AS_GOOD * gain || (reached >= NEAR * gain && unclear) {
+    let own: Vec<usize> =
+        (0..main.terms.len()).filter(|k| search.library.terms[main.terms[*k]].effect == effect).collect();
+    let taken: BTreeSet<usize> = main.terms.iter().map(|id| search.library.terms[*id].effect).collect();
+    let mut as_good: BTreeMap<usize, f64> = BTreeMap::new();
+    let mut total = 0.0;
+    for &index in &own {
+        let rest = without(&main.terms, index);
+        let base = search.choice(rest.clone());
+        let gain = sum_of_difference(&base, main).max(0.0);
+        total += gain;
+        let freedom = search.library.terms[main.terms[index]].freedom();
+        for (_, id) in search.rivals_of(&rest, main.terms[index], |other| !taken.contains(&other)) {
+            let term = &search.library.terms[id];
+            let (rival, free) = (term.effect, term.freedom());
+            let other = search.choice(rest.iter().copied().chain([id]).collect());
             // What needs many more parameters to do the same is no rival.
-            if free <= freedom_of(search, &main.terms) + freedom + 1 {
-                indistinguishable.push(rival);
+            if free <= 2 * freedom + 1 && is_as_good(search, main, &other, gain) {
+                *as_good.entry(rival).or_default() += gain;
             }
-        } else {
-            others.push(other);
         }
     }
+    let indistinguishable: Vec<usize> =
+        as_good.into_iter().filter(|(_, part)| *part > 0.5 * total).map(|(rival, _)| rival).collect();
+    let mut others: Vec<Choice> = search
+        .replacements(main, effect)
+        .into_iter()
+        .filter(|(rival, other)| !indistinguishable.contains(rival) && other.terms.len() <= main.terms.len())
+        .map(|(_, other)| other)
+        .collect();
+    let rest = main.terms.iter().copied().filter(|id| search.library.terms[*id].effect != effect).collect();
+    others.push(search.choice(rest));
     let wins = search.bootstrap.distribution(|counts| {
         let own = weighted(counts, &main.residual);
         Some(f64::from(u8::from(others.iter().all(|other| weighted(counts, &other.residual) > own))))
@@ -125,8 +134,12 @@ pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usi
     Rivals { indistinguishable, confidence: (wins.iter().sum::<f64>() / wins.len().max(1) as f64).min(0.99) }
 }
 
-fn freedom_of(search: &Search<'_, '_, '_>, terms: &[TermId]) -> usize {
-    terms.iter().map(|id| search.library.terms[*id].freedom()).sum()
+/// Whether `other` reaches (nearly) the gain of `main`.
+fn is_as_good(search: &Search<'_, '_, '_>, main: &Choice, other: &Choice, gain: f64) -> bool {
+    let reached = gain - sum_of_difference(other, main);
+    let behind: Vec<f64> = other.residual.iter().zip(&main.residual).map(|(a, b)| a - b).collect();
+    reached >= AS_GOOD * gain
+        || (reached >= NEAR * gain && search.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
 }
 
 /// Interval of 95 % of a ratio of sums over scored blocks.

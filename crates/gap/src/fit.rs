@@ -144,8 +144,17 @@ impl Design {
     /// Squared residual of every scored block of the folds, 0 elsewhere, each fold fitted on its own blocks.
     pub(crate) fn left_out(&self, folds: &[Fold]) -> Vec<f64> {
         let mut out = vec![0.0; self.squared.len()];
+        // Every fold of several fits on what the others score: all blocks less its own.
+        let all: Vec<usize> = folds.iter().flat_map(|fold| fold.score.iter().copied()).collect();
+        let total = (folds.len() > 1).then(|| self.sum(&all));
         for fold in folds {
-            let parameters = self.solve(&fold.fit);
+            let parameters = match &total {
+                Some((normal, right)) => {
+                    let own = self.sum(&fold.score);
+                    self.solve_sums(&(normal - own.0), &(right - own.1))
+                }
+                None => self.solve(&fold.fit),
+            };
             for &block in &fold.score {
                 out[block] = self.residual(block, &parameters);
             }

@@ -27,8 +27,9 @@ const DOUBT: f64 = 0.005;
 const EQUALLY_GOOD: f64 = 0.03;
 /// So far apart they may be if drawing blocks anew does not tell them apart.
 const UNCLEAR: f64 = 0.2;
+const UNCLEAR_AT_THE_END: f64 = 0.05;
 /// Effects from which the search begins, each by itself.
-const BEGINNINGS: usize = 4;
+const BEGINNINGS: usize = 3;
 
 /// What may be chosen: per (effect, place) the terms of its shapes.
 pub(crate) struct Candidates {
@@ -97,14 +98,15 @@ impl Search<'_, '_, '_> {
             let mut choice = beginning;
             for _ in 0..MOST_STEPS {
                 choice = self.better_shapes(choice);
-                choice = self.backward(choice, reducible);
+                choice = self.backward(choice, reducible, false);
                 let Some(next) = self.steps(&choice, reducible, 1).pop() else { break };
                 choice = next;
             }
             choice = self.swapped(choice, reducible);
+            choice = self.backward(choice, reducible, true);
             ends.push((sum_of_difference(&nothing, &choice), self.freedom(&choice.terms), choice));
         }
-        self.simplest(&ends).unwrap_or(nothing)
+        self.simplest(&ends, UNCLEAR_AT_THE_END).unwrap_or(nothing)
     }
 
     /// The terms with their left-out residuals.
@@ -166,23 +168,23 @@ impl Search<'_, '_, '_> {
         }
         let mut best: Vec<(f64, usize, Choice)> = Vec::new();
         for ways in scored.into_values() {
-            let Some(simplest) = self.simplest(&ways) else { continue };
+            let Some(simplest) = self.simplest(&ways, UNCLEAR) else { continue };
             best.push((sum_of_difference(choice, &simplest), self.freedom(&simplest.terms), simplest));
         }
         if wanted == 1 {
-            return self.simplest(&best).into_iter().collect();
+            return self.simplest(&best, UNCLEAR).into_iter().collect();
         }
         best.sort_by(|a, b| a.0.total_cmp(&b.0));
         best.split_off(best.len().saturating_sub(wanted)).into_iter().map(|(_, _, choice)| choice).collect()
     }
 
     /// The one with the fewest parameters among those (gain, parameters, choice) that are as good as the best.
-    fn simplest(&self, ways: &[(f64, usize, Choice)]) -> Option<Choice> {
+    fn simplest(&self, ways: &[(f64, usize, Choice)], unclear: f64) -> Option<Choice> {
         let (gain, _, best) = ways.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
         let as_good = |other: &&(f64, usize, Choice)| {
             let behind: Vec<f64> = other.2.residual.iter().zip(&best.residual).map(|(a, b)| a - b).collect();
             gain - other.0 <= EQUALLY_GOOD * gain
-                || (gain - other.0 <= UNCLEAR * gain && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
+                || (gain - other.0 <= unclear * gain && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
         };
         let simplest = ways.iter().filter(as_good).min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0)))?;
         Some(simplest.2.clone())
@@ -204,6 +206,22 @@ impl Search<'_, '_, '_> {
             choice = better.unwrap_or(choice);
         }
         choice
+    }
+
+    /// Best terms of other effects that touch what this one touches, the most helpful first.
+    pub(crate) fn rivals_of(
+        &mut self,
+        others: &[TermId],
+        term: TermId,
+        allowed: impl Fn(usize) -> bool,
+    ) -> Vec<(f64, TermId)> {
+        let own = self.library.terms[term].clone();
+        let mut found = self.screened(others, |effect| effect != own.effect && allowed(effect));
+        found.retain(|(gain, id)| *gain > 0.0 && self.library.terms[*id].touches(&own));
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut seen = BTreeSet::new();
+        found.retain(|(_, id)| seen.insert(self.library.terms[*id].effect));
+        found
     }
 
     /// The choice with another effect, at as many places at most, instead of this one.
@@ -271,16 +289,18 @@ impl Search<'_, '_, '_> {
         choice
     }
 
-    /// Drops terms that the others made superfluous, the least useful first.
-    fn backward(&mut self, mut choice: Choice, reducible: f64) -> Choice {
+    /// Drops terms that do harm where they were left out; in the end (`strictly`) also those whose use is in doubt. Before the
+    /// end a place may seem useless only because another effect is still missing.
+    fn backward(&mut self, mut choice: Choice, reducible: f64, strictly: bool) -> Choice {
         while choice.terms.len() > 1 {
             let mut worst: Option<(f64, Choice)> = None;
             for index in 0..choice.terms.len() {
                 let smaller = self.choice(without(&choice.terms, index));
+                let gain = sum_of_difference(&smaller, &choice);
                 let only = choice.terms.iter().filter(|id| self.same_effect(**id, choice.terms[index])).count() == 1;
                 let least = reducible * if only { LEAST_SHARE } else { LEAST_SHARE_OF_PLACE };
-                let gain = sum_of_difference(&smaller, &choice);
-                if !self.improves(&smaller, &choice, least) && worst.as_ref().is_none_or(|(w, _)| gain < *w) {
+                let useless = if strictly { !self.improves(&smaller, &choice, least) } else { gain <= 0.0 };
+                if useless && worst.as_ref().is_none_or(|(w, _)| gain < *w) {
                     worst = Some((gain, smaller));
                 }
             }

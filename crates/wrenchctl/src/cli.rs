@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 
-use crate::commands::{calibrate, check, demo, dump, record, replay, simulate, stats, validate};
+use crate::commands::{calibrate, check, demo, diagnose, dump, record, replay, simulate, stats, validate};
 
 /// End-effector wrench from joint torque sensors: calibrate, check, record, replay, simulate
 #[derive(Parser, Debug)]
@@ -37,6 +37,8 @@ pub enum Command {
     Calibrate(calibrate::Args),
     /// Score the wrench of recordings against their truth
     Validate(validate::Args),
+    /// Find where simulation and measurement differ, which effect causes it, and how far the gap shrinks
+    Diagnose(diagnose::Args),
     /// Make a run directory from the simulator, with the truth beside it
     Simulate(simulate::Args),
 }

@@ -3,6 +3,7 @@
 pub mod calibrate;
 pub mod check;
 pub mod demo;
+pub mod diagnose;
 pub mod dump;
 pub mod record;
 pub mod replay;
@@ -26,6 +27,7 @@ pub fn run(command: Command) -> Result<Outcome, Error> {
         Command::Replay(args) => replay::run(args),
         Command::Record(args) => record::run(args),
         Command::Calibrate(args) => calibrate::run(args),
+        Command::Diagnose(args) => diagnose::run(args),
         Command::Validate(args) => validate::run(args),
     }
 }

@@ -1,0 +1,130 @@
+//! `wrenchctl diagnose`: where simulation and measurement differ, which effect causes it, how far the gap shrinks.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use gap::Diagnosis;
+use gap::diagnosis::Verdict;
+
+use crate::output::{self, Side, Table};
+use crate::progress::Progress;
+use crate::{Error, Outcome};
+
+/// What to diagnose.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// A comparison directory: comparison.toml with its table beside it
+    #[arg(value_name = "COMPARISON", required = true)]
+    pub inputs: Vec<PathBuf>,
+    /// Also write the result as JSON; - is standard output
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// Diagnoses, and prints the short form.
+pub fn run(args: Args) -> Result<Outcome, Error> {
+    let dir = only_comparison(&args.inputs)?;
+    let session = gap::comparison::load(dir)?;
+    let diagnosis = {
+        let progress = Progress::steps(0, &dir.display().to_string());
+        gap::diagnose(&session, |done, of| {
+            progress.of(of);
+            progress.at(done);
+        })
+    };
+    if let Some(path) = &args.json {
+        output::write_json(path, &diagnosis)?;
+    }
+    if args.json.as_deref() != Some(Path::new("-")) {
+        let mut out = output::stdout();
+        summary(&diagnosis, &mut out)?;
+        out.flush()?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn only_comparison(inputs: &[PathBuf]) -> Result<&PathBuf, Error> {
+    let first = inputs.first().ok_or_else(|| Error::usage("no comparison directory given"))?;
+    for dir in inputs {
+        if dir.join("run.toml").is_file() {
+            let text = "is a run; this version diagnoses comparisons (comparison.toml: measured and simulated columns)";
+            return Err(Error::usage(format!("{} {text}", dir.display())));
+        }
+        if !gap::comparison::is_comparison(dir) {
+            let text = "has no comparison.toml; give the directory that it is in";
+            return Err(Error::usage(format!("{} {text}", dir.display())));
+        }
+    }
+    if let Some(second) = inputs.get(1) {
+        let text = format!(
+            "{} and {}: one comparison at a time; put several recordings into one table, told apart by `recording`",
+            first.display(),
+            second.display()
+        );
+        return Err(Error::usage(text));
+    }
+    Ok(first)
+}
+
+fn summary(diagnosis: &Diagnosis, out: &mut impl Write) -> Result<(), Error> {
+    let verdict = match diagnosis.verdict {
+        Verdict::NoGap => "no gap: nothing but noise",
+        Verdict::Explained => "explained",
+        Verdict::PartlyExplained => "partly explained",
+        Verdict::Unexplained => "unexplained: no effect of the catalogue is the cause",
+    };
+    writeln!(out, "{verdict}")?;
+    let (gap, raw) = (&diagnosis.gap, &diagnosis.gap.raw);
+    if let (Some(before), Some(after), Some(unit)) = (raw.before, raw.after, &raw.unit) {
+        writeln!(out, "gap on what was left out: {before:.4} -> {after:.4} {unit} RMS")?;
+    }
+    write!(out, "over scales: {:.3} -> {:.3}, floor {:.3}", gap.before, gap.after, gap.floor)?;
+    if let (Some(shrink), Some([low, high])) = (gap.shrink, gap.shrink_ci95) {
+        write!(out, "; shrinks by {:.1} % ({:.1}..{:.1} %)", 100.0 * shrink, 100.0 * low, 100.0 * high)?;
+    }
+    writeln!(out, "\n{}", diagnosis.hold_out)?;
+    for (rank, finding) in diagnosis.findings.iter().enumerate() {
+        writeln!(out, "{}. {}: {}", rank + 1, finding.effect, finding.words)?;
+        let mut table = Table::new(&[Side::Left, Side::Right, Side::Right, Side::Left], 5);
+        for (name, parameter) in &finding.parameters {
+            let sigma = parameter.sigma.map_or_else(String::new, |sigma| format!("+- {}", short(sigma)));
+            table.row([name.clone(), short(parameter.value), sigma, parameter.unit.clone()]);
+        }
+        write!(out, "{table}")?;
+    }
+    let mut sensors = Table::new(&[Side::Left, Side::Right, Side::Right, Side::Left], 2);
+    sensors.row(["channel", "before", "after", ""]);
+    for sensor in &diagnosis.location.sensors {
+        sensors.row([sensor.name.clone(), short(sensor.before_raw), short(sensor.after_raw), sensor.unit.clone()]);
+    }
+    write!(out, "{sensors}")?;
+    if !diagnosis.not_testable.is_empty() {
+        let names: Vec<&str> = diagnosis.not_testable.iter().map(|entry| entry.effect.as_str()).collect();
+        writeln!(out, "not testable here: {}", names.join(", "))?;
+    }
+    for note in &diagnosis.notes {
+        writeln!(out, "note: {note}")?;
+    }
+    writeln!(out, "next: {}", diagnosis.next_experiment)?;
+    Ok(())
+}
+
+/// Four digits, whatever the size.
+fn short(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
+        let digits = if value == 0.0 { 0 } else { (3 - value.abs().log10().floor() as i32).clamp(0, 6) };
+        return format!("{value:.*}", digits as usize);
+    }
+    format!("{value:.3e}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_four_digits() {
+        let shown = [0.0, 0.012345, 12.345, 1234.5, 123456.0, -0.00012345].map(short);
+        assert_eq!(shown, ["0", "0.01235", "12.35", "1235", "1.235e5", "-1.235e-4"]);
+    }
+}
