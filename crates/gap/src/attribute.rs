@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::bootstrap::{Bootstrap, quantile, weighted};
-use crate::effects::{CATALOGUE, Place, Role};
 use crate::diagnosis::{Finding, Parameter};
+use crate::effects::{CATALOGUE, Place, Role};
 use crate::fit::{Design, Fold};
 use crate::library::{Library, TermId};
 use crate::refine::shape_sigma;
@@ -79,7 +79,9 @@ impl Subsets {
 /// Effects chosen on everything that may be used and in at least half of the outer folds.
 pub(crate) fn established(library: &Library<'_>, main: &Choice, chosen: &[Chosen]) -> Vec<usize> {
     let of = |terms: &[TermId]| terms.iter().map(|id| library.terms[*id].effect).collect::<BTreeSet<usize>>();
-    let often = |effect: &usize| 2 * chosen.iter().filter(|part| of(&part.terms).contains(effect)).count() >= chosen.len();
+    let often = |effect: &usize| {
+        2 * chosen.iter().filter(|part| of(&part.terms).contains(effect)).count() >= chosen.len()
+    };
     of(&main.terms).into_iter().filter(often).collect()
 }
 
@@ -152,7 +154,12 @@ pub(crate) fn interval(bootstrap: &Bootstrap, upper: &[f64], lower: &[f64]) -> [
 }
 
 /// Where the terms of an effect sit and what their parameters are, fitted on these blocks with all terms together.
-pub(crate) fn describe(library: &mut Library<'_>, terms: &[TermId], effect: usize, blocks: &[usize]) -> Finding {
+pub(crate) fn describe(
+    library: &mut Library<'_>,
+    terms: &[TermId],
+    effect: usize,
+    blocks: &[usize],
+) -> Finding {
     let design = Design::new(library, terms);
     let values = design.solve(blocks);
     let sigmas = design.sigmas(blocks, &values);
@@ -183,7 +190,8 @@ pub(crate) fn describe(library: &mut Library<'_>, terms: &[TermId], effect: usiz
         }
         for (k, heading) in term.columns.iter().enumerate() {
             let at = design.offsets[index] + k;
-            let of = |value: f64, sigma: f64| Parameter { value, sigma: Some(sigma), unit: heading.unit.clone() };
+            let of =
+                |value: f64, sigma: f64| Parameter { value, sigma: Some(sigma), unit: heading.unit.clone() };
             match heading.role {
                 Role::Value => {
                     finding.parameters.insert(name(&heading.parameter), of(values[at], sigmas[at]));
@@ -202,7 +210,12 @@ pub(crate) fn describe(library: &mut Library<'_>, terms: &[TermId], effect: usiz
 }
 
 /// Adds a place's names to the finding; gives the one that tells it from other places.
-fn name_place(library: &Library<'_>, channels: &[usize], place: Place, finding: &mut Finding) -> Option<String> {
+fn name_place(
+    library: &Library<'_>,
+    channels: &[usize],
+    place: Place,
+    finding: &mut Finding,
+) -> Option<String> {
     let session = library.session;
     let sensors = || channels.iter().map(|channel| session.channels[*channel].name.clone());
     let add = |list: &mut Vec<String>, name: &str| {

@@ -53,14 +53,18 @@ pub fn diagnose(session: &Session, mut tell: impl FnMut(u64, u64)) -> Diagnosis 
     let mut effects = attribute::established(&library, &main, &chosen);
     let mut notes = session.notes.clone();
     let subsets = loop {
-        chosen.iter_mut().for_each(|part| part.terms.retain(|id| effects.contains(&library.terms[*id].effect)));
+        chosen
+            .iter_mut()
+            .for_each(|part| part.terms.retain(|id| effects.contains(&library.terms[*id].effect)));
         let subsets = Subsets::new(&library, &chosen, &effects);
         let Some(bit) = subsets.failing() else { break subsets };
         let id = CATALOGUE[effects.remove(bit)].id();
         notes.push(format!("{id} seemed to help on what was fitted, but did not on what was left out"));
     };
-    let mut search = Search { library: &mut library, candidates: &candidates, training: &training, bootstrap: &bootstrap };
-    let kept = main.terms.iter().copied().filter(|id| effects.contains(&search.library.terms[*id].effect)).collect();
+    let mut search =
+        Search { library: &mut library, candidates: &candidates, training: &training, bootstrap: &bootstrap };
+    let kept =
+        main.terms.iter().copied().filter(|id| effects.contains(&search.library.terms[*id].effect)).collect();
     let main = search.choice(kept);
     let scored: Vec<usize> = chosen.iter().flat_map(|part| part.fold.score.clone()).collect();
     let measure = Measure::new(session, &subsets, &scored, &bootstrap);
@@ -120,9 +124,10 @@ fn not_testable(session: &Session) -> Vec<NotTestable> {
     let missing = CATALOGUE.iter().filter_map(|effect| {
         effect.missing(session).map(|missing| NotTestable { effect: effect.id().to_owned(), missing })
     });
-    let beyond = OUT_OF_REACH
-        .iter()
-        .map(|(effect, missing)| NotTestable { effect: (*effect).to_owned(), missing: (*missing).to_owned() });
+    let beyond = OUT_OF_REACH.iter().map(|(effect, missing)| NotTestable {
+        effect: (*effect).to_owned(),
+        missing: (*missing).to_owned(),
+    });
     missing.chain(beyond).collect()
 }
 
@@ -180,7 +185,9 @@ impl<'a> Measure<'a> {
 
     fn verdict(&self) -> Verdict {
         let Some(shrink) = self.shrink() else { return Verdict::NoGap };
-        if shrink >= EXPLAINED || (self.floor > 0.0 && self.rms(&self.after) <= NEAR_FLOOR * self.floor.sqrt()) {
+        if shrink >= EXPLAINED
+            || (self.floor > 0.0 && self.rms(&self.after) <= NEAR_FLOOR * self.floor.sqrt())
+        {
             Verdict::Explained
         } else if shrink >= PARTLY {
             Verdict::PartlyExplained

@@ -37,7 +37,8 @@ pub(crate) fn by_recording(recordings: &[Recording], reserved: &[String]) -> Hol
             None => units.push(recording.name.clone()),
         }
     }
-    let is_reserved = |(recording, unit): (&Recording, &usize)| reserved.contains(&recording.name).then_some(*unit);
+    let is_reserved =
+        |(recording, unit): (&Recording, &usize)| reserved.contains(&recording.name).then_some(*unit);
     let mut kept: Vec<usize> = recordings.iter().zip(&unit_of).filter_map(is_reserved).collect();
     kept.dedup();
     let words = if reserved.is_empty() {
@@ -45,14 +46,16 @@ pub(crate) fn by_recording(recordings: &[Recording], reserved: &[String]) -> Hol
     } else {
         format!("left out of everything: {}", reserved.join(", "))
     };
-    let parts: Vec<(usize, Range<usize>)> = unit_of.into_iter().zip(recordings.iter().map(|r| r.rows.clone())).collect();
+    let parts: Vec<(usize, Range<usize>)> =
+        unit_of.into_iter().zip(recordings.iter().map(|r| r.rows.clone())).collect();
     divide(units, &parts, kept, words)
 }
 
 /// Ten contiguous blocks of time.
 pub(crate) fn by_time(rows: usize) -> HoldOut {
     let folds = FOLDS.min(rows);
-    let parts: Vec<_> = (0..folds).map(|fold| (fold, rows * fold / folds..rows * (fold + 1) / folds)).collect();
+    let parts: Vec<_> =
+        (0..folds).map(|fold| (fold, rows * fold / folds..rows * (fold + 1) / folds)).collect();
     let units = (0..folds).map(|fold| format!("tenth {}", fold + 1)).collect();
     let words = "one recording only: ten contiguous blocks of time left out in turn, so nothing shows whether the \
                  finding holds in another recording";
@@ -70,7 +73,12 @@ pub(crate) fn by_point(rows: usize) -> HoldOut {
     HoldOut { units, reserved: Vec::new(), unit_of_block, block_of_row, words }
 }
 
-fn divide(units: Vec<String>, parts: &[(usize, Range<usize>)], reserved: Vec<usize>, words: String) -> HoldOut {
+fn divide(
+    units: Vec<String>,
+    parts: &[(usize, Range<usize>)],
+    reserved: Vec<usize>,
+    words: String,
+) -> HoldOut {
     let wanted = (BLOCKS / units.len().max(1)).max(FEWEST_BLOCKS_A_UNIT);
     let mut division =
         HoldOut { units, reserved, unit_of_block: Vec::new(), block_of_row: Vec::new(), words };
@@ -93,13 +101,18 @@ mod tests {
 
     #[test]
     fn every_row_is_in_a_block_of_its_unit_and_blocks_are_contiguous_in_time() {
-        let recordings = [("a", 0..100), ("b", 100..103), ("c", 103..1000)]
-            .map(|(name, rows)| Recording { name: name.to_owned(), rows, repeats: None });
+        let recordings = [("a", 0..100), ("b", 100..103), ("c", 103..1000)].map(|(name, rows)| Recording {
+            name: name.to_owned(),
+            rows,
+            repeats: None,
+        });
         let division = by_recording(&recordings, &["c".to_owned()]);
         assert_eq!(division.reserved, [2]);
         assert_eq!(division.block_of_row.len(), 1000);
         assert!(division.block_of_row.is_sorted());
-        for recording in recordings.iter().enumerate().flat_map(|(unit, r)| r.rows.clone().map(move |row| (unit, row))) {
+        for recording in
+            recordings.iter().enumerate().flat_map(|(unit, r)| r.rows.clone().map(move |row| (unit, row)))
+        {
             assert_eq!(division.unit_of_block[division.block_of_row[recording.1]], recording.0);
         }
         assert_eq!(division.unit_of_block.iter().filter(|unit| **unit == 1).count(), 3);

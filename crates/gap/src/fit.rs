@@ -97,11 +97,11 @@ impl Design {
             return solution;
         }
         let reduced = self.regular(normal, &free);
-        let scale: Vec<f64> = (0..free.len()).map(|k| reduced[(k, k)].max(f64::MIN_POSITIVE).sqrt()).collect();
+        let scale: Vec<f64> =
+            (0..free.len()).map(|k| reduced[(k, k)].max(f64::MIN_POSITIVE).sqrt()).collect();
         let matrix = DMatrix::from_fn(free.len(), free.len(), |r, c| reduced[(r, c)] / (scale[r] * scale[c]));
         let rest = DVector::from_fn(free.len(), |r, _| {
-            let fixed: f64 =
-                (0..width).filter(|c| self.pinned[*c]).map(|c| normal[(free[r], c)]).sum();
+            let fixed: f64 = (0..width).filter(|c| self.pinned[*c]).map(|c| normal[(free[r], c)]).sum();
             (right[free[r]] - fixed) / scale[r]
         });
         let Some(factor) = matrix.cholesky() else { return solution };
@@ -122,7 +122,8 @@ impl Design {
     fn regular(&self, normal: &DMatrix<f64>, free: &[usize]) -> DMatrix<f64> {
         let weight = PRIOR_WEIGHT * self.block_values;
         DMatrix::from_fn(free.len(), free.len(), |r, c| {
-            let own = if r == c { weight * self.prior[free[r]] + 1e-12 * normal[(free[r], free[r])] } else { 0.0 };
+            let own =
+                if r == c { weight * self.prior[free[r]] + 1e-12 * normal[(free[r], free[r])] } else { 0.0 };
             normal[(free[r], free[c])] + own
         })
     }

@@ -13,7 +13,8 @@ pub(crate) fn outer(hold_out: &HoldOut) -> Vec<Fold> {
     if hold_out.reserved.is_empty() {
         return leave_out(hold_out, &units);
     }
-    let (score, fit) = blocks(hold_out).partition(|block| hold_out.reserved.contains(&hold_out.unit_of_block[*block]));
+    let (score, fit) =
+        blocks(hold_out).partition(|block| hold_out.reserved.contains(&hold_out.unit_of_block[*block]));
     vec![Fold { fit, score }]
 }
 
@@ -35,7 +36,10 @@ pub(crate) fn training(hold_out: &HoldOut, fit: &[usize], floor: f64) -> Trainin
         (0..parts)
             .map(|k| Fold {
                 score: fit[part(k)].to_vec(),
-                fit: (0..parts).filter(|other| *other != k).flat_map(|other| fit[part(other)].to_vec()).collect(),
+                fit: (0..parts)
+                    .filter(|other| *other != k)
+                    .flat_map(|other| fit[part(other)].to_vec())
+                    .collect(),
             })
             .collect()
     };
@@ -96,6 +100,9 @@ mod tests {
         }
         let alone = training(&division, &[0, 2], 0.0);
         assert_eq!(alone.folds.len(), 2);
-        assert_eq!((alone.folds[0].score.as_slice(), alone.folds[0].fit.as_slice()), ([0].as_slice(), [2].as_slice()));
+        assert_eq!(
+            (alone.folds[0].score.as_slice(), alone.folds[0].fit.as_slice()),
+            ([0].as_slice(), [2].as_slice())
+        );
     }
 }

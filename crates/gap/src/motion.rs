@@ -11,7 +11,11 @@ const FEWEST: usize = 2;
 const MOST: usize = 80;
 
 /// First and second derivative (unit per s, per s^2) of `values` at `time_s`, each segment by itself.
-pub(crate) fn differentiate(time_s: &[f64], values: &[f64], segments: &[Range<usize>]) -> (Vec<f64>, Vec<f64>) {
+pub(crate) fn differentiate(
+    time_s: &[f64],
+    values: &[f64],
+    segments: &[Range<usize>],
+) -> (Vec<f64>, Vec<f64>) {
     let (mut first, mut second) = (vec![0.0; values.len()], vec![0.0; values.len()]);
     for rows in segments {
         for row in rows.clone() {

@@ -51,8 +51,9 @@ impl<'l, 's> Screen<'l, 's> {
             let Some((products, swapped)) = self.library.pair(other, candidate) else { continue };
             for r in 0..self.library.terms[other].width() {
                 for c in 0..width {
-                    cross[(self.offsets[index] + r, c)] =
-                        sum(&|block| if swapped { products.at(block, c, r) } else { products.at(block, r, c) });
+                    cross[(self.offsets[index] + r, c)] = sum(&|block| {
+                        if swapped { products.at(block, c, r) } else { products.at(block, r, c) }
+                    });
                 }
             }
         }

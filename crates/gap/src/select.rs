@@ -1,4 +1,5 @@
-//! Which effects, and where: forward steps, a swap of shapes, backward steps, all scored on what was left out.
+//! Which effects, and where: forward steps with a search of shapes, swaps of effects, then backward steps, all scored on what
+//! was left out.
 //!
 //! A forward step takes one (effect, place), or an effect at all places where it helps at once. It must lower the squared
 //! residual of left-out folds by a practical minimum, beyond what drawing blocks anew explains, and in most folds. Where
@@ -20,9 +21,12 @@ const MOST_EFFECTS: usize = 6;
 /// Steps at most: effects times places.
 const MOST_STEPS: usize = 40;
 /// Candidates of a step that are fitted and scored after the screening.
-const SCORED: usize = 14;
-/// Share of draws in which an improvement may fail to show.
+const SCORED: usize = 8;
+/// Effects that are also tried at several places at once.
+const GROUPS: usize = 6;
+/// Share of draws in which an improvement may fail to show: of a further effect, and of a further place of one already found.
 const DOUBT: f64 = 0.005;
+const DOUBT_OF_PLACE: f64 = 0.05;
 /// Candidates whose improvements differ by less than this share of the larger are equally good.
 const EQUALLY_GOOD: f64 = 0.03;
 /// So far apart they may be if drawing blocks anew does not tell them apart.
@@ -30,6 +34,15 @@ const UNCLEAR: f64 = 0.2;
 const UNCLEAR_AT_THE_END: f64 = 0.05;
 /// Effects from which the search begins, each by itself.
 const BEGINNINGS: usize = 3;
+
+/// What a step brings.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum News {
+    /// An effect not found before.
+    Effect,
+    /// A further place of an effect already found.
+    Place,
+}
 
 /// What may be chosen: per (effect, place) the terms of its shapes.
 pub(crate) struct Candidates {
@@ -98,12 +111,11 @@ impl Search<'_, '_, '_> {
             let mut choice = beginning;
             for _ in 0..MOST_STEPS {
                 choice = self.better_shapes(choice);
-                choice = self.backward(choice, reducible, false);
                 let Some(next) = self.steps(&choice, reducible, 1).pop() else { break };
                 choice = next;
             }
             choice = self.swapped(choice, reducible);
-            choice = self.backward(choice, reducible, true);
+            choice = self.backward(choice, reducible);
             ends.push((sum_of_difference(&nothing, &choice), self.freedom(&choice.terms), choice));
         }
         self.simplest(&ends, UNCLEAR_AT_THE_END).unwrap_or(nothing)
@@ -121,7 +133,11 @@ impl Search<'_, '_, '_> {
     }
 
     /// Best shape of every (effect, place) that may be added, with its fall of the squared residual where it is fitted.
-    pub(crate) fn screened(&mut self, terms: &[TermId], allowed: impl Fn(usize) -> bool) -> Vec<(f64, TermId)> {
+    pub(crate) fn screened(
+        &mut self,
+        terms: &[TermId],
+        allowed: impl Fn(usize) -> bool,
+    ) -> Vec<(f64, TermId)> {
         let taken: BTreeSet<(usize, Place)> = terms.iter().map(|id| self.site(*id)).collect();
         let open: Vec<&[TermId]> = self
             .candidates
@@ -159,10 +175,10 @@ impl Search<'_, '_, '_> {
         let mut scored: BTreeMap<usize, Vec<(f64, usize, Choice)>> = BTreeMap::new();
         for step in steps {
             let effect = self.library.terms[step[0]].effect;
-            let least = reducible * if effects.contains(&effect) { LEAST_SHARE_OF_PLACE } else { LEAST_SHARE };
+            let news = if effects.contains(&effect) { News::Place } else { News::Effect };
             let freedom = self.freedom(&step);
             let next = self.choice(choice.terms.iter().copied().chain(step).collect());
-            if self.is_plausible(&next) && self.improves(choice, &next, least) {
+            if self.is_plausible(&next) && self.improves(choice, &next, news, reducible) {
                 scored.entry(effect).or_default().push((sum_of_difference(choice, &next), freedom, next));
             }
         }
@@ -201,7 +217,9 @@ impl Search<'_, '_, '_> {
         for effect in self.effects(&choice.terms) {
             let others = self.replacements(&choice, effect).into_iter().map(|(_, other)| other);
             let better = others
-                .filter(|other| self.is_plausible(other) && self.improves(&choice, other, LEAST_SHARE * reducible))
+                .filter(|other| {
+                    self.is_plausible(other) && self.improves(&choice, other, News::Effect, reducible)
+                })
                 .min_by(|a, b| a.residual.iter().sum::<f64>().total_cmp(&b.residual.iter().sum()));
             choice = better.unwrap_or(choice);
         }
@@ -254,18 +272,30 @@ impl Search<'_, '_, '_> {
                 groups.entry(self.library.terms[*id].effect).or_default().push(*id);
             }
         }
-        groups.into_values().filter(|terms| terms.len() > 1).collect()
+        let mut groups: Vec<Vec<TermId>> = groups.into_values().filter(|terms| terms.len() > 1).collect();
+        let worth = |terms: &Vec<TermId>| {
+            screened.iter().filter(|(_, id)| terms.contains(id)).map(|(gain, _)| gain).sum::<f64>()
+        };
+        groups.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
+        groups.truncate(GROUPS);
+        groups
     }
 
-    /// Whether `next` is better than `now` on what was left out, by at least `least`, beyond doubt and in most folds.
-    fn improves(&self, now: &Choice, next: &Choice, least: f64) -> bool {
+    /// Whether `next` is better than `now` on what was left out: by a practical minimum, beyond doubt and in most folds.
+    fn improves(&self, now: &Choice, next: &Choice, news: News, reducible: f64) -> bool {
         let gains: Vec<f64> = now.residual.iter().zip(&next.residual).map(|(a, b)| a - b).collect();
         let folds = &self.training.folds;
-        let better =
-            folds.iter().filter(|fold| fold.score.iter().map(|block| gains[*block]).sum::<f64>() > 0.0).count();
-        gains.iter().sum::<f64>() > least
-            && 3 * better >= 2 * folds.len()
-            && self.bootstrap.quantile_of_sum(&gains, DOUBT) > 0.0
+        let better = folds
+            .iter()
+            .filter(|fold| fold.score.iter().map(|block| gains[*block]).sum::<f64>() > 0.0)
+            .count();
+        let (least, doubt, most) = match news {
+            News::Effect => (LEAST_SHARE, DOUBT, 3 * better >= 2 * folds.len()),
+            News::Place => (LEAST_SHARE_OF_PLACE, DOUBT_OF_PLACE, 2 * better >= folds.len()),
+        };
+        gains.iter().sum::<f64>() > least * reducible
+            && most
+            && self.bootstrap.quantile_of_sum(&gains, doubt) > 0.0
     }
 
     /// Tries the other shapes of every term.
@@ -289,24 +319,22 @@ impl Search<'_, '_, '_> {
         choice
     }
 
-    /// Drops terms that do harm where they were left out; in the end (`strictly`) also those whose use is in doubt. Before the
-    /// end a place may seem useless only because another effect is still missing.
-    fn backward(&mut self, mut choice: Choice, reducible: f64, strictly: bool) -> Choice {
-        while choice.terms.len() > 1 {
-            let mut worst: Option<(f64, Choice)> = None;
-            for index in 0..choice.terms.len() {
-                let smaller = self.choice(without(&choice.terms, index));
-                let gain = sum_of_difference(&smaller, &choice);
-                let only = choice.terms.iter().filter(|id| self.same_effect(**id, choice.terms[index])).count() == 1;
-                let least = reducible * if only { LEAST_SHARE } else { LEAST_SHARE_OF_PLACE };
-                let useless = if strictly { !self.improves(&smaller, &choice, least) } else { gain <= 0.0 };
-                if useless && worst.as_ref().is_none_or(|(w, _)| gain < *w) {
-                    worst = Some((gain, smaller));
-                }
-            }
-            match worst {
-                Some((_, smaller)) => choice = smaller,
-                None => break,
+    /// Drops terms whose use is in doubt, the least useful first, once all effects are together: before, a place may seem
+    /// useless only because another effect is still missing.
+    fn backward(&mut self, mut choice: Choice, reducible: f64) -> Choice {
+        let mut uses: Vec<(f64, TermId)> = Vec::with_capacity(choice.terms.len());
+        for index in 0..choice.terms.len() {
+            let smaller = self.choice(without(&choice.terms, index));
+            uses.push((sum_of_difference(&smaller, &choice), choice.terms[index]));
+        }
+        uses.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (_, id) in uses {
+            let Some(index) = choice.terms.iter().position(|known| *known == id) else { continue };
+            let only = choice.terms.iter().filter(|other| self.same_effect(**other, id)).count() == 1;
+            let smaller = self.choice(without(&choice.terms, index));
+            let news = if only { News::Effect } else { News::Place };
+            if !self.improves(&smaller, &choice, news, reducible) {
+                choice = smaller;
             }
         }
         choice

@@ -55,7 +55,8 @@ impl Channel {
     /// Half the span of the simulated values, or the RMS gap where the simulation hardly moves (channel's unit).
     #[must_use]
     pub fn extent(&self) -> f64 {
-        let (low, high) = self.simulated.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+        let (low, high) =
+            self.simulated.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
         ((high - low) / 2.0).max(self.rms_gap())
     }
 
@@ -175,6 +176,10 @@ impl Session {
     #[must_use]
     pub fn longest_s(&self) -> Option<f64> {
         let time_s = self.time_s.as_ref()?;
-        self.segments.iter().filter(|rows| !rows.is_empty()).map(|rows| time_s[rows.end - 1] - time_s[rows.start]).reduce(f64::max)
+        self.segments
+            .iter()
+            .filter(|rows| !rows.is_empty())
+            .map(|rows| time_s[rows.end - 1] - time_s[rows.start])
+            .reduce(f64::max)
     }
 }

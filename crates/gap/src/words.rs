@@ -49,7 +49,8 @@ pub(crate) fn next_experiment(
         let others = finding.indistinguishable_from.join(" or ");
         return format!("to tell {} from {others}: {experiment}", finding.effect);
     }
-    let missing = not_testable.iter().map(|entry| entry.missing.as_str()).find(|missing| missing.contains('['));
+    let missing =
+        not_testable.iter().map(|entry| entry.missing.as_str()).find(|missing| missing.contains('['));
     match (verdict, missing) {
         (Verdict::NoGap, _) => "nothing: the simulation agrees with the measurement within its noise".to_owned(),
         (Verdict::Explained, _) if session.hold_out.units.len() > 1 && session.time_s.is_some() => {

@@ -89,13 +89,15 @@ fn check(description: &Description) -> Result<(), Problem> {
             return Err(Problem::new(&at("noise"), text));
         }
         let known = description.joint.iter().map(|joint| joint.name.as_str());
-        if let Some(joint) = channel.joint.as_deref().filter(|name| known.clone().all(|known| known != *name)) {
+        if let Some(joint) = channel.joint.as_deref().filter(|name| known.clone().all(|known| known != *name))
+        {
             let text = format!("joint = \"{joint}\" is no [[joint]] of this file; {}", suggest(joint, known));
             return Err(Problem::new(&at("joint"), text));
         }
     }
     if description.hold_out.is_some() && description.recording.is_none() {
-        let text = "hold_out names values of the column `recording`, which is not given; add recording = \"COLUMN\"";
+        let text =
+            "hold_out names values of the column `recording`, which is not given; add recording = \"COLUMN\"";
         return Err(Problem::new(&[Key("hold_out")], text));
     }
     Ok(())
@@ -188,18 +190,19 @@ fn assemble(
     }
     let segments = segments(time_s.as_deref(), &recordings);
     let numbers = |column: usize| columns.numbers[column].clone();
-    let joints = description.joint.iter().zip(&plan.joints).map(|(joint, [position, velocity, acceleration])| {
-        let position_rad = position.map(numbers).unwrap_or_default();
-        let differentiated =
-            time_s.as_deref().map(|time_s| motion::differentiate(time_s, &position_rad, &segments));
-        let (first, second) = differentiated.unzip();
-        Joint {
-            name: joint.name.clone(),
-            position_rad,
-            velocity_rad_s: velocity.map(numbers).or(first),
-            acceleration_rad_s2: acceleration.map(numbers).or(second),
-        }
-    });
+    let joints =
+        description.joint.iter().zip(&plan.joints).map(|(joint, [position, velocity, acceleration])| {
+            let position_rad = position.map(numbers).unwrap_or_default();
+            let differentiated =
+                time_s.as_deref().map(|time_s| motion::differentiate(time_s, &position_rad, &segments));
+            let (first, second) = differentiated.unzip();
+            Joint {
+                name: joint.name.clone(),
+                position_rad,
+                velocity_rad_s: velocity.map(numbers).or(first),
+                acceleration_rad_s2: acceleration.map(numbers).or(second),
+            }
+        });
     let joints: Vec<Joint> = joints.collect();
     let channels = description.channel.iter().zip(&plan.channels);
     let channels = channels
@@ -215,7 +218,12 @@ fn assemble(
     let session = Session {
         channels,
         joints,
-        temperature: description.covariates.temperature.as_ref().zip(plan.temperature).map(|(n, c)| covariate(n, c)),
+        temperature: description
+            .covariates
+            .temperature
+            .as_ref()
+            .zip(plan.temperature)
+            .map(|(n, c)| covariate(n, c)),
         loads: description.covariates.load.iter().zip(&plan.loads).map(|(n, c)| covariate(n, *c)).collect(),
         kinematics: None,
         hold_out: division::by_point(columns.lines.len()),
@@ -294,7 +302,9 @@ fn check_time(
                 let problem = format!(
                     "{name} = {} is not after {} of the row before it in {}; sort the rows, or tell recordings apart with \
                      recording = \"COLUMN\"",
-                    time_s[row], time_s[row - 1], recording.name
+                    time_s[row],
+                    time_s[row - 1],
+                    recording.name
                 );
                 return Err(table.problem(Some(lines[row]), problem));
             }
@@ -310,7 +320,8 @@ fn segments(time_s: Option<&[f64]>, recordings: &[Recording]) -> Vec<std::ops::R
     for rows in recordings.iter().map(|r| r.rows.clone()) {
         let mut steps: Vec<f64> = time_s[rows.clone()].windows(2).map(|pair| pair[1] - pair[0]).collect();
         let middle = steps.len() / 2;
-        let usual = if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(middle, f64::total_cmp).1 };
+        let usual =
+            if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(middle, f64::total_cmp).1 };
         let mut first = rows.start;
         for row in rows.clone().skip(1) {
             if time_s[row] - time_s[row - 1] > INTERRUPTION * usual {
@@ -333,7 +344,8 @@ fn hold_out(
     for (index, value) in reserved.iter().enumerate() {
         if recordings.iter().all(|recording| &recording.name != value) {
             let known = recordings.iter().map(|recording| recording.name.as_str());
-            let text = format!("\"{value}\" is no value of the column `recording`; {}", suggest(value, known));
+            let text =
+                format!("\"{value}\" is no value of the column `recording`; {}", suggest(value, known));
             return Err(Problem::new(&[Key("hold_out"), Index(index)], text));
         }
     }

@@ -12,7 +12,8 @@ pub(super) fn find(session: &mut Session, recordings: &mut [Recording]) {
     let mut pairs = Vec::new();
     for later in 1..recordings.len() {
         let first = (0..later).find(|first| {
-            recordings[*first].repeats.is_none() && is_repeat(session, &recordings[*first], &recordings[later])
+            recordings[*first].repeats.is_none()
+                && is_repeat(session, &recordings[*first], &recordings[later])
         });
         recordings[later].repeats = first;
         pairs.extend(first.map(|first| (recordings[first].rows.start, recordings[later].rows.clone())));
@@ -20,7 +21,8 @@ pub(super) fn find(session: &mut Session, recordings: &mut [Recording]) {
     for channel in session.channels.iter_mut().filter(|channel| channel.floor == 0.0) {
         let mut differences = Vec::new();
         for (start, rows) in &pairs {
-            differences.extend(rows.clone().map(|row| channel.gap[row] - channel.gap[start + row - rows.start]));
+            differences
+                .extend(rows.clone().map(|row| channel.gap[row] - channel.gap[start + row - rows.start]));
         }
         channel.floor = rms(&differences) / std::f64::consts::SQRT_2 / channel.scale;
     }

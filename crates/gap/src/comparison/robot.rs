@@ -59,7 +59,8 @@ fn ends(text: &str, robot: &Robot, joints: &[Joint], file: &Path) -> Result<(Str
         .map_err(|error| RigError::of_file(file, format!("is no URDF: {error}; export it again")))?;
     let carrier = |link: &str| tree.joints.iter().find(|joint| joint.child.link == link);
     let ancestors = |name: &str| {
-        let mut link = tree.joints.iter().find(|joint| joint.name == name).map(|joint| joint.child.link.as_str());
+        let mut link =
+            tree.joints.iter().find(|joint| joint.name == name).map(|joint| joint.child.link.as_str());
         // A loop among the links ends at the number of joints; the chain's own reader names it.
         std::iter::from_fn(move || {
             let joint = carrier(link?)?;

@@ -46,7 +46,8 @@ impl Table {
 
     fn parse(file: &Path, text: String) -> Result<Self, Error> {
         let first = text.lines().next().unwrap_or("").trim_start_matches('\u{feff}');
-        let header: Vec<String> = first.split(',').map(|name| name.trim().trim_matches('"').to_owned()).collect();
+        let header: Vec<String> =
+            first.split(',').map(|name| name.trim().trim_matches('"').to_owned()).collect();
         let table = Self { file: file.to_owned(), text, header };
         let mut seen = HashMap::new();
         for name in table.header.iter().filter(|name| !name.is_empty()) {

@@ -36,13 +36,16 @@ impl Effect for SensingAxis {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];
         let span = deviation(&own.simulated).max(own.rms_gap());
-        let others = session.loads.iter().filter(|load| !is_same(&load.values, &own.simulated));
-        let seen = others.filter(|load| deviation(&load.values) > 0.0);
-        seen.map(|load| {
+        let mut columns = Vec::new();
+        for load in session.loads.iter().filter(|load| deviation(&load.values) > 0.0) {
             let plausible = span / deviation(&load.values);
-            Column::value(&format!("c_{}", load.name), "1", plausible, channel, load.values.clone())
-        })
-        .collect()
+            let column =
+                Column::value(&format!("c_{}", load.name), "1", plausible, channel, load.values.clone());
+            // An axis that turns loses some of its own load, and what hangs on a lever loads several components at once.
+            let is_own = is_same(&load.values, &own.simulated);
+            columns.push(if is_own { column.role(Role::Nuisance) } else { column });
+        }
+        columns
     }
 
     fn experiment(&self) -> &'static str {

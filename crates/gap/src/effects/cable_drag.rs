@@ -1,4 +1,5 @@
-//! A cable that is bent as the joint turns: a spring in parallel with the sensor.
+//! A cable that is bent as the joint turns: a spring in parallel with the sensor, slack where the joint stands at zero
+//! (a cable that is slack elsewhere shows as a zero that is off as well).
 
 use super::*;
 
@@ -29,19 +30,15 @@ impl Effect for CableDrag {
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Joint(joint) = place else { return Vec::new() };
         let moving = &session.joints[joint];
-        let middle = mean(&moving.position_rad);
         let span = deviation(&moving.position_rad);
         if span <= 1e-6 {
             return Vec::new();
         }
-        let turned: Vec<f64> = moving.position_rad.iter().map(|q| q - middle).collect();
-        // Where the cable is slack is not known: a constant comes along.
         let mut columns = Vec::new();
         for channel in moment_channels(session, joint) {
-            let size_nm = 3.0 * session.channels[channel].rms_gap();
-            let constant = Column::value("", "Nm", size_nm, channel, vec![1.0; session.rows()]);
-            columns.push(Column::value("nm_per_rad", "Nm/rad", size_nm / span, channel, turned.clone()).positive());
-            columns.push(constant.role(Role::Nuisance));
+            let plausible = 3.0 * session.channels[channel].rms_gap() / span;
+            let turned = moving.position_rad.clone();
+            columns.push(Column::value("nm_per_rad", "Nm/rad", plausible, channel, turned).positive());
         }
         columns
     }

@@ -31,7 +31,9 @@ impl Effect for Creep {
     }
 
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
-        let (Some(step_s), Some(longest_s)) = (session.step_s(), session.longest_s()) else { return Vec::new() };
+        let (Some(step_s), Some(longest_s)) = (session.step_s(), session.longest_s()) else {
+            return Vec::new();
+        };
         geometric((20.0 * step_s).max(1.0), longest_s.max(40.0 * step_s).max(2.0), 6)
     }
 

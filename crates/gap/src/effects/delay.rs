@@ -31,7 +31,9 @@ impl Effect for Delay {
     }
 
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
-        let (Some(step_s), Some(longest_s)) = (session.step_s(), session.longest_s()) else { return Vec::new() };
+        let (Some(step_s), Some(longest_s)) = (session.step_s(), session.longest_s()) else {
+            return Vec::new();
+        };
         geometric(0.25 * step_s, (60.0 * step_s).min(longest_s / 4.0).max(step_s), 24)
     }
 
@@ -52,8 +54,13 @@ impl Effect for Delay {
                     after += 1;
                 }
                 let before = after.saturating_sub(1).max(rows.start);
-                let part = if after > before { (wanted_s - time_s[before]) / (time_s[after] - time_s[before]) } else { 0.0 };
-                let late = own.simulated[before] + part.max(0.0) * (own.simulated[after] - own.simulated[before]);
+                let part = if after > before {
+                    (wanted_s - time_s[before]) / (time_s[after] - time_s[before])
+                } else {
+                    0.0
+                };
+                let late =
+                    own.simulated[before] + part.max(0.0) * (own.simulated[after] - own.simulated[before]);
                 values[row] = late - own.simulated[row];
             }
         }

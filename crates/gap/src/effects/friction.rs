@@ -55,7 +55,10 @@ impl Effect for Friction {
             }
             let fastest = velocity.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
             if shape[1] != COULOMB && fastest > 0.0 {
-                columns.push(Column::value("viscous", "Nm s/rad", size_nm / fastest, channel, velocity.clone()).positive());
+                columns.push(
+                    Column::value("viscous", "Nm s/rad", size_nm / fastest, channel, velocity.clone())
+                        .positive(),
+                );
             }
         }
         columns

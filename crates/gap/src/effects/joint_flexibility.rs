@@ -32,7 +32,8 @@ impl Effect for JointFlexibility {
         let Place::Joint(joint) = place else { return Vec::new() };
         let Some(own) = moment_channels(session, joint).next() else { return Vec::new() };
         let torque_nm = &session.channels[own].simulated;
-        let columns = weight::turn_columns(session, joint, |row| -torque_nm[row], "rad_per_nm", "rad/Nm", 1e-3);
+        let columns =
+            weight::turn_columns(session, joint, |row| -torque_nm[row], "rad_per_nm", "rad/Nm", 1e-3);
         columns.into_iter().map(Column::positive).collect()
     }
 

@@ -31,7 +31,9 @@ impl Effect for MainsPickup {
     }
 
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
-        let (Some(step_s), Some(longest_s)) = (session.step_s(), session.longest_s()) else { return Vec::new() };
+        let (Some(step_s), Some(longest_s)) = (session.step_s(), session.longest_s()) else {
+            return Vec::new();
+        };
         // A frequency is only a mains' if it can be told from slow motion: several tens of periods in the recording.
         let nyquist_hz = 0.5 / step_s;
         let aliases = [50.0, 60.0, 100.0, 120.0].map(|hz: f64| {
@@ -48,8 +50,15 @@ impl Effect for MainsPickup {
         let Some(time_s) = &session.time_s else { return Vec::new() };
         let turn = |t_s: &f64| std::f64::consts::TAU * shape[0] * t_s;
         let plausible = 3.0 * own.rms_gap();
-        let sine = Column::value("amplitude", &own.unit, plausible, channel, time_s.iter().map(|t| turn(t).sin()).collect());
-        let cosine = Column { parts: vec![(channel, time_s.iter().map(|t| turn(t).cos()).collect())], ..sine.clone() };
+        let sine = Column::value(
+            "amplitude",
+            &own.unit,
+            plausible,
+            channel,
+            time_s.iter().map(|t| turn(t).sin()).collect(),
+        );
+        let cosine =
+            Column { parts: vec![(channel, time_s.iter().map(|t| turn(t).cos()).collect())], ..sine.clone() };
         vec![sine.role(Role::Sine), cosine.role(Role::Cosine)]
     }
 

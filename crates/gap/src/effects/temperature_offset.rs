@@ -20,7 +20,10 @@ impl Effect for TemperatureOffset {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        session.temperature.is_none().then(|| "the temperature ([covariates] temperature = \"COLUMN\")".to_owned())
+        session
+            .temperature
+            .is_none()
+            .then(|| "the temperature ([covariates] temperature = \"COLUMN\")".to_owned())
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {
@@ -33,7 +36,9 @@ impl Effect for TemperatureOffset {
 
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
         let lags_s = match (session.step_s(), session.longest_s()) {
-            (Some(step_s), Some(longest_s)) => geometric(2.0 * step_s, (longest_s / 10.0).max(4.0 * step_s), 7),
+            (Some(step_s), Some(longest_s)) => {
+                geometric(2.0 * step_s, (longest_s / 10.0).max(4.0 * step_s), 7)
+            }
             _ => Vec::new(),
         };
         std::iter::once(vec![0.0]).chain(lags_s).collect()
@@ -56,8 +61,15 @@ impl Effect for TemperatureOffset {
         let plausible = (0.005 * own.extent()).max(3.0 * own.rms_gap() / span);
         // The temperature of the calibration is not known: a constant comes along.
         vec![
-            Column::value("per_k", &format!("{}/K", own.unit), plausible, channel, slow.iter().map(|t| t - reference).collect()),
-            Column::value("", &own.unit, plausible * span, channel, vec![1.0; session.rows()]).role(Role::Nuisance),
+            Column::value(
+                "per_k",
+                &format!("{}/K", own.unit),
+                plausible,
+                channel,
+                slow.iter().map(|t| t - reference).collect(),
+            ),
+            Column::value("", &own.unit, plausible * span, channel, vec![1.0; session.rows()])
+                .role(Role::Nuisance),
         ]
     }
 

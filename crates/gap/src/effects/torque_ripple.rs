@@ -36,9 +36,12 @@ impl Effect for TorqueRipple {
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
         let _ = session;
         // Lower orders are what weight makes of the angle.
-        [4, 6, 8, 10, 12, 16, 20, 24, 30, 32, 36, 40, 48, 50, 60, 64, 72, 80, 100, 120, 128, 144, 160, 200, 202, 240, 320, 322]
-            .map(|order| vec![f64::from(order)])
-            .to_vec()
+        [
+            4, 6, 8, 10, 12, 16, 20, 24, 30, 32, 36, 40, 48, 50, 60, 64, 72, 80, 100, 120, 128, 144, 160,
+            200, 202, 240, 320, 322,
+        ]
+        .map(|order| vec![f64::from(order)])
+        .to_vec()
     }
 
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
@@ -48,8 +51,17 @@ impl Effect for TorqueRipple {
         let mut columns = Vec::new();
         for channel in moment_channels(session, joint) {
             let size_nm = 3.0 * session.channels[channel].rms_gap();
-            let sine = Column::value("amplitude", "Nm", size_nm, channel, moving.position_rad.iter().map(|q| turn(q).sin()).collect());
-            let cosine = Column { parts: vec![(channel, moving.position_rad.iter().map(|q| turn(q).cos()).collect())], ..sine.clone() };
+            let sine = Column::value(
+                "amplitude",
+                "Nm",
+                size_nm,
+                channel,
+                moving.position_rad.iter().map(|q| turn(q).sin()).collect(),
+            );
+            let cosine = Column {
+                parts: vec![(channel, moving.position_rad.iter().map(|q| turn(q).cos()).collect())],
+                ..sine.clone()
+            };
             columns.push(sine.role(Role::Sine));
             columns.push(cosine.role(Role::Cosine));
         }

@@ -120,7 +120,14 @@ pub(super) fn body_columns(session: &Session, link: usize, naming: Naming) -> Ve
         let parts = felt.iter().map(|slot| sections[*slot].0).zip(parts).collect();
         let (name, unit, plausible) =
             if k == 0 { (mass, unit, plausible) } else { (moment[k - 1], "kg m", plausible_kgm) };
-        Column { parameter: name.to_owned(), unit: unit.to_owned(), role: super::Role::Value, plausible, is_positive: false, parts }
+        Column {
+            parameter: name.to_owned(),
+            unit: unit.to_owned(),
+            role: super::Role::Value,
+            plausible,
+            is_positive: false,
+            parts,
+        }
     });
     columns.filter(|column| column.parts.iter().any(|(_, v)| v.iter().any(|x| x.abs() > 1e-9))).collect()
 }
@@ -166,7 +173,14 @@ pub(super) fn turn_columns(
 }
 
 fn turned_column(parts: Vec<(usize, Vec<f64>)>, parameter: &str, unit: &str, plausible: f64) -> Column {
-    Column { parameter: parameter.to_owned(), unit: unit.to_owned(), role: super::Role::Value, plausible, is_positive: false, parts }
+    Column {
+        parameter: parameter.to_owned(),
+        unit: unit.to_owned(),
+        role: super::Role::Value,
+        plausible,
+        is_positive: false,
+        parts,
+    }
 }
 
 /// Change of every joint's torque (Nm per rad) between the arm and a changed one.
@@ -180,7 +194,8 @@ fn difference(
     let only: Vec<Section> = sections.iter().map(|(_, section)| *section).collect();
     let mut before = Dynamics::new(&arm.chain, &only);
     let mut after = Dynamics::new(changed_chain, &only);
-    let mut parts: Vec<(usize, Vec<f64>)> = sections.iter().map(|(channel, _)| (*channel, Vec::new())).collect();
+    let mut parts: Vec<(usize, Vec<f64>)> =
+        sections.iter().map(|(channel, _)| (*channel, Vec::new())).collect();
     for row in 0..session.rows() {
         let mut instant = Instant::at(session, arm, row);
         instant.update(&mut before);

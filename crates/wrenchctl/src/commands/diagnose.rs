@@ -95,7 +95,12 @@ fn summary(diagnosis: &Diagnosis, out: &mut impl Write) -> Result<(), Error> {
     let mut sensors = Table::new(&[Side::Left, Side::Right, Side::Right, Side::Left], 2);
     sensors.row(["channel", "before", "after", ""]);
     for sensor in &diagnosis.location.sensors {
-        sensors.row([sensor.name.clone(), short(sensor.before_raw), short(sensor.after_raw), sensor.unit.clone()]);
+        sensors.row([
+            sensor.name.clone(),
+            short(sensor.before_raw),
+            short(sensor.after_raw),
+            sensor.unit.clone(),
+        ]);
     }
     write!(out, "{sensors}")?;
     if !diagnosis.not_testable.is_empty() {
