@@ -162,8 +162,10 @@ impl<'a> Library<'a> {
 
     fn keep(&mut self, id: TermId, columns: Vec<Column>) -> Rc<Vec<Column>> {
         let bytes: usize = columns.iter().flat_map(|c| c.parts.iter().map(|(_, v)| v.len() * 8)).sum();
+        // What touches several channels comes from the arm's dynamics and costs most to compute again.
+        let is_dear = columns.iter().any(|column| column.parts.len() > 1);
         let columns = Rc::new(columns);
-        if self.kept_bytes + bytes <= KEPT_BYTES {
+        if self.kept_bytes + bytes <= if is_dear { KEPT_BYTES } else { KEPT_BYTES / 3 } {
             self.kept_bytes += bytes;
             self.kept.insert(id, columns.clone());
         }
