@@ -196,13 +196,18 @@ pub(crate) fn describe(
                 Role::Value => {
                     finding.parameters.insert(name(&heading.parameter), of(values[at], sigmas[at]));
                 }
+                // One over a compliance, to first order.
+                Role::Inverse if values[at] > 0.0 => {
+                    let stiffness = of(1.0 / values[at], sigmas[at] / (values[at] * values[at]));
+                    finding.parameters.insert(name(&heading.parameter), stiffness);
+                }
                 // The cosine follows its sine.
                 Role::Sine => {
                     let amplitude = values[at].hypot(values[at + 1]);
                     let sigma = sigmas[at].hypot(sigmas[at + 1]) / std::f64::consts::SQRT_2;
                     finding.parameters.insert(name(&heading.parameter), of(amplitude, sigma));
                 }
-                Role::Pinned | Role::Cosine | Role::Nuisance => {}
+                Role::Pinned | Role::Cosine | Role::Nuisance | Role::Inverse => {}
             }
         }
     }

@@ -22,7 +22,6 @@ pub(crate) struct Recording {
 
 /// The division by recordings, those named `reserved` kept for the final figures. A recording and its repeats are one unit, and
 /// what they have at the same time is one block: it would be no news to the other.
-
 pub(crate) fn by_recording(recordings: &[Recording], reserved: &[String]) -> HoldOut {
     let mut units: Vec<String> = Vec::new();
     let mut unit_of: Vec<usize> = Vec::new();

@@ -152,3 +152,52 @@ fn unusable_descriptions_are_refused_with_their_line() {
     let held = format!("{HEAD}recording = \"t\"\nhold_out = [\"nine\"]\n{CHANNEL}");
     assert!(words(&held).contains("\"nine\" is no value of the column"));
 }
+
+/// One joint about a level axis with 2 kg at (0.3, 0, 0) m: the torque that holds it is -m g x cos q.
+const PENDULUM: &str = r#"<robot name="p"><link name="base"/>
+<link name="arm"><inertial><origin xyz="0.3 0 0"/><mass value="2"/>
+<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>
+<joint name="j" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint></robot>"#;
+
+#[test]
+fn columns_of_an_arm_are_those_of_a_pendulum() {
+    use crate::effects::{CATALOGUE, Place, by_id};
+    const WEIGHT_N: f64 = 2.0 * 9.80665;
+    let dir = tempfile::tempdir().unwrap();
+    let robot = "[robot]\nurdf = \"p.urdf\"\n[[joint]]\nname = \"j\"\nposition = \"q\"\nvelocity = \"v\"\nacceleration = \"v\"\n";
+    let channel = CHANNEL.replace("\"N\"", "\"Nm\"");
+    let mut text = String::from("t,q,v,s,z\n");
+    for k in 0..50 {
+        let q = f64::from(k) * 0.05 - 1.0;
+        let torque = -WEIGHT_N * 0.3 * q.cos();
+        text.push_str(&format!("{k},{q},0,{torque},{}\n", torque * 1.1));
+    }
+    write(dir.path(), &format!("{HEAD}time = \"t\"\n{robot}{channel}joint = \"j\"\n"), &text);
+    std::fs::write(dir.path().join("p.urdf"), PENDULUM).unwrap();
+    let session = load(dir.path()).unwrap();
+    let columns = |id: &str, place| CATALOGUE[by_id(id).unwrap()].columns(&session, place, &[]);
+    let check = |id: &str, place, parameter: &str, truth: &dyn Fn(f64) -> f64| {
+        let columns = columns(id, place);
+        let column = columns.iter().find(|column| column.parameter == parameter).unwrap();
+        for (value, q) in column.parts[0].1.iter().zip(&session.joints[0].position_rad) {
+            assert!(
+                (value - truth(*q)).abs() < 1e-3,
+                "{id} {parameter} at {q}: {value} is not {}",
+                truth(*q)
+            );
+        }
+    };
+    check("link_mass", Place::Link(0), "relative_mass", &|q| -WEIGHT_N * 0.3 * q.cos());
+    check("link_mass", Place::Link(0), "d_mc_x", &|q| -WEIGHT_N / 2.0 * q.cos());
+    check("link_mass", Place::Link(0), "d_mc_z", &|q| -WEIGHT_N / 2.0 * q.sin());
+    check("payload", Place::Tip, "d_mc_x", &|q| -WEIGHT_N / 2.0 * q.cos());
+    check("encoder_offset", Place::Joint(0), "rad", &|q| WEIGHT_N * 0.3 * q.sin());
+    // It yields towards its load by torque over stiffness.
+    let yielding = |q: f64| WEIGHT_N * 0.3 * q.cos() * WEIGHT_N * 0.3 * q.sin();
+    check("joint_flexibility", Place::Joint(0), "nm_per_rad", &yielding);
+    let tilt = columns("base_tilt", Place::Base);
+    for (row, q) in session.joints[0].position_rad.iter().enumerate() {
+        let square: f64 = tilt.iter().map(|column| column.parts[0].1[row].powi(2)).sum();
+        assert!((square - (WEIGHT_N * 0.3 * q.sin()).powi(2)).abs() < 1e-2, "{row}");
+    }
+}

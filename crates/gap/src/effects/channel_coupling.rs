@@ -31,10 +31,6 @@ impl Effect for ChannelCoupling {
         every_channel(session)
     }
 
-    fn shape_parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[("source", "1")]
-    }
-
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
         let single = (0..session.channels.len()).map(|source| vec![source as f64]);
         single.chain([vec![ALL]]).collect()

@@ -30,7 +30,7 @@ impl Effect for Friction {
     }
 
     fn shape_parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[("speed_rad_s", "rad/s"), ("kind", "1")]
+        &[("speed_rad_s", "rad/s")]
     }
 
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {

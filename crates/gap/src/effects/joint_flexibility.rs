@@ -33,8 +33,8 @@ impl Effect for JointFlexibility {
         let Some(own) = moment_channels(session, joint).next() else { return Vec::new() };
         let torque_nm = &session.channels[own].simulated;
         let columns =
-            weight::turn_columns(session, joint, |row| -torque_nm[row], "rad_per_nm", "rad/Nm", 1e-3);
-        columns.into_iter().map(Column::positive).collect()
+            weight::turn_columns(session, joint, |row| -torque_nm[row], "nm_per_rad", "Nm/rad", 1e-3);
+        columns.into_iter().map(|column| column.positive().role(Role::Inverse)).collect()
     }
 
     fn experiment(&self) -> &'static str {

@@ -89,6 +89,8 @@ pub enum Role {
     Sine,
     /// The cosine part of an amplitude.
     Cosine,
+    /// A parameter to report as one over it: a compliance for a stiffness.
+    Inverse,
     /// Comes with the effect, is not reported.
     Nuisance,
 }
@@ -158,7 +160,7 @@ pub trait Effect: Sync {
     /// Where it can sit.
     fn places(&self, session: &Session) -> Vec<Place>;
 
-    /// Names and units of the parameters that enter nonlinearly.
+    /// Names and units of the parameters that enter nonlinearly and are to be reported, the first ones of a shape.
     fn shape_parameters(&self) -> &'static [(&'static str, &'static str)] {
         &[]
     }

@@ -30,22 +30,29 @@ impl Effect for Saturation {
         &[("limit", "channel's unit")]
     }
 
-    fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
-        let _ = session;
-        [-0.95, -0.9, -0.8, -0.7, -0.6, -0.4, 0.4, 0.6, 0.7, 0.8, 0.9, 0.95].map(|part| vec![part]).to_vec()
+    fn shapes(&self, session: &Session, place: Place) -> Vec<Shape> {
+        let Place::Channel(channel) = place else { return Vec::new() };
+        let (middle, half) = span(&session.channels[channel].simulated);
+        let parts = [-0.95, -0.9, -0.8, -0.7, -0.6, -0.4, 0.4, 0.6, 0.7, 0.8, 0.9, 0.95];
+        parts.map(|part| vec![middle + part * half]).to_vec()
     }
 
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];
-        let (low, high) = own.simulated.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
-        let (middle, half) = ((low + high) / 2.0, (high - low) / 2.0);
-        let limit = middle + shape[0] * half;
-        let beyond = |signal: &f64| if shape[0] > 0.0 { limit.min(*signal) } else { limit.max(*signal) };
+        let limit = shape[0];
+        let is_upper = limit > span(&own.simulated).0;
+        let beyond = |signal: &f64| if is_upper { limit.min(*signal) } else { limit.max(*signal) };
         vec![Column::pinned(channel, own.simulated.iter().map(|s| beyond(s) - s).collect())]
     }
 
     fn experiment(&self) -> &'static str {
         "loads up to the sensor's limit"
     }
+}
+
+/// Middle of the values and half their span.
+fn span(values: &[f64]) -> (f64, f64) {
+    let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+    ((low + high) / 2.0, (high - low) / 2.0)
 }

@@ -143,8 +143,9 @@ pub(super) fn tilt_columns(session: &Session) -> Vec<Column> {
         chain.gravity_mps2 = gravity + level.column(axis).cross(&gravity) * STEP_RAD;
         difference(session, arm, &chain, |_, _| {})
     };
-    let name = ["tilt_x", "tilt_y"];
-    (0..2).map(|axis| turned_column(turned(axis), name[axis], "rad", 0.02)).collect()
+    // The tilt is the length of the two turns together.
+    let roles = [super::Role::Sine, super::Role::Cosine];
+    (0..2).map(|axis| turned_column(turned(axis), "rad", "rad", 0.02).role(roles[axis])).collect()
 }
 
 /// What a joint that stands further by `angle(row)` rad per unit of the parameter adds.
