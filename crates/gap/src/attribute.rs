@@ -3,12 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::bootstrap::{Bootstrap, quantile, weighted};
+use crate::candidates::{Choice, sum_of_difference, without};
 use crate::diagnosis::{Finding, Parameter};
 use crate::effects::{CATALOGUE, Place, Role};
 use crate::fit::{Design, Fold};
 use crate::library::{Library, TermId};
 use crate::refine::shape_sigma;
-use crate::select::{Choice, Search, sum_of_difference, without};
+use crate::select::Search;
 
 /// An outer fold with what was chosen on its training blocks.
 pub(crate) struct Chosen {
@@ -21,6 +22,9 @@ pub(crate) struct Subsets {
     pub(crate) effects: Vec<usize>,
     pub(crate) residuals: Vec<Vec<f64>>,
 }
+
+/// Share of what goes away on left-out units that an effect must account for to be listed.
+const LEAST_SHARE: f64 = 0.01;
 
 impl Subsets {
     /// Fits every subset in every outer fold.
@@ -51,11 +55,12 @@ impl Subsets {
         &self.residuals[self.residuals.len() - 1]
     }
 
-    /// The effect that helps least, if it does not help at all.
+    /// The effect that helps least, if that is next to nothing.
     pub(crate) fn failing(&self) -> Option<usize> {
         let values = (0..self.effects.len()).map(|bit| (self.shapley(bit).iter().sum::<f64>(), bit));
         let (value, bit) = values.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        (value <= 0.0).then_some(bit)
+        let all: f64 = self.before().iter().zip(self.after()).map(|(before, after)| before - after).sum();
+        (value <= LEAST_SHARE * all.max(0.0)).then_some(bit)
     }
 
     /// Per block the Shapley value of an effect's part in the fall of the squared residual (L. Shapley, A value for n-person

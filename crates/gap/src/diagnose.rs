@@ -2,13 +2,14 @@
 
 use crate::attribute::{self, Chosen, Subsets};
 use crate::bootstrap::Bootstrap;
+use crate::candidates::{Candidates, Choice, Training};
 use crate::diagnosis::{Diagnosis, Gap, NotTestable, Verdict};
 use crate::effects::{CATALOGUE, OUT_OF_REACH};
 use crate::folds;
 use crate::library::{Library, TermId};
 use crate::location;
 use crate::refine::refine;
-use crate::select::{Candidates, Choice, Search, Training};
+use crate::select::Search;
 use crate::session::Session;
 use crate::words;
 

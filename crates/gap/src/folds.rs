@@ -1,7 +1,7 @@
 //! Which blocks are fitted on and which are scored, outside (final figures) and inside (selection).
 
+use crate::candidates::Training;
 use crate::fit::Fold;
-use crate::select::Training;
 use crate::session::HoldOut;
 
 /// Folds at most; more units share folds.

@@ -10,6 +10,7 @@
 
 mod attribute;
 mod bootstrap;
+mod candidates;
 pub mod comparison;
 mod diagnose;
 pub mod diagnosis;

@@ -1,10 +1,10 @@
 //! A nonlinear parameter between the shapes that were tried, and how well it is known.
 
+use crate::candidates::{Candidates, without};
 use crate::effects::CATALOGUE;
 use crate::fit::Design;
 use crate::library::{Library, TermId};
 use crate::screen::Screen;
-use crate::select::{Candidates, without};
 
 /// Steps of the golden section: the interval shrinks to 0.6 % of the distance between neighbours.
 const STEPS: usize = 10;

@@ -8,8 +8,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::bootstrap::Bootstrap;
-use crate::effects::{CATALOGUE, Place};
-use crate::fit::{Design, Fold};
+use crate::candidates::{Candidates, Choice, Training, sum_of_difference, without};
+use crate::effects::Place;
+use crate::fit::Design;
 use crate::library::{Library, TermId};
 use crate::screen::Screen;
 
@@ -42,55 +43,6 @@ enum News {
     Effect,
     /// A further place of an effect already found.
     Place,
-}
-
-/// What may be chosen: per (effect, place) the terms of its shapes.
-pub(crate) struct Candidates {
-    shapes: BTreeMap<(usize, usize), Vec<TermId>>,
-}
-
-impl Candidates {
-    /// All terms of the testable effects.
-    pub(crate) fn all(library: &mut Library<'_>, mut tell: impl FnMut(usize)) -> Self {
-        let mut shapes = BTreeMap::new();
-        for (effect, entry) in CATALOGUE.iter().enumerate() {
-            tell(effect);
-            if entry.missing(library.session).is_some() {
-                continue;
-            }
-            for (number, place) in entry.places(library.session).into_iter().enumerate() {
-                let terms: Vec<TermId> = entry
-                    .shapes(library.session, place)
-                    .iter()
-                    .filter_map(|shape| library.term(effect, place, shape))
-                    .collect();
-                if !terms.is_empty() {
-                    shapes.insert((effect, number), terms);
-                }
-            }
-        }
-        Self { shapes }
-    }
-
-    /// Terms by effect and place.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, &[TermId])> {
-        self.shapes.iter().map(|((effect, _), terms)| (*effect, terms.as_slice()))
-    }
-}
-
-/// Blocks to choose on, in folds.
-pub(crate) struct Training {
-    pub(crate) blocks: Vec<usize>,
-    pub(crate) folds: Vec<Fold>,
-    /// Squared residual that noise leaves on all these blocks.
-    pub(crate) floor: f64,
-}
-
-/// A set of terms with its squared residual per left-out block.
-#[derive(Clone)]
-pub(crate) struct Choice {
-    pub(crate) terms: Vec<TermId>,
-    pub(crate) residual: Vec<f64>,
 }
 
 /// The search on one training set.
@@ -343,13 +295,4 @@ impl Search<'_, '_, '_> {
     fn same_effect(&self, a: TermId, b: TermId) -> bool {
         self.library.terms[a].effect == self.library.terms[b].effect
     }
-}
-
-/// How much less `next` leaves than `now`.
-pub(crate) fn sum_of_difference(now: &Choice, next: &Choice) -> f64 {
-    now.residual.iter().zip(&next.residual).map(|(a, b)| a - b).sum()
-}
-
-pub(crate) fn without(terms: &[TermId], index: usize) -> Vec<TermId> {
-    terms.iter().enumerate().filter(|(k, _)| *k != index).map(|(_, id)| *id).collect()
 }
