@@ -6,8 +6,10 @@
 //! - [`guest`]: what a scenario works with: links, captures, directories.
 //! - [`process`]: child programs with a deadline on everything.
 //! - [`programs`], [`python`]: the programs under test, and the independent decoder.
+//! - [`browser`]: what a person sees of a report.
 //! - [`candump`]: recordings cut, retimed and repacked as text, without the code under test.
 
+pub mod browser;
 pub mod candump;
 mod failure;
 pub mod guest;

@@ -1,9 +1,8 @@
 //! Child programs: their output collected as it comes, and a deadline on every wait.
 
-use crate::{Check, Failure, IoContext, ensure};
+use crate::{Check, Failure, ensure};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -12,8 +11,9 @@ use std::time::{Duration, Instant};
 
 /// How often a wait looks again, where nothing wakes it.
 const LOOK: Duration = Duration::from_millis(5);
-/// After a program has ended: how long its output may still be held open by a child of its own.
-const DRAIN: Duration = Duration::from_secs(2);
+/// After a program has ended: without a line for so long its output is held open by a child of its own. What it wrote waits in the
+/// pipe; on a busy computer the thread that reads it may be held up for seconds.
+const DRAIN: Duration = Duration::from_secs(10);
 
 #[derive(Default)]
 struct Output {
@@ -31,6 +31,22 @@ struct Shared {
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, Output> {
         self.output.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until all outputs are closed, or held open and silent.
+    fn drain(&self) {
+        let mut seen = 0;
+        loop {
+            let mut lines = seen;
+            let moved = self.wait(Instant::now() + DRAIN, |output| {
+                lines = output.lines.len();
+                output.open == 0 || lines > seen
+            });
+            if !moved || lines == seen {
+                return;
+            }
+            seen = lines;
+        }
     }
 
     /// Waits until `done` holds or the deadline has passed; says which.
@@ -67,22 +83,12 @@ pub struct Finished {
 impl Program {
     /// Starts a command with no input and both outputs collected.
     pub fn start(command: &mut Command) -> Check<Self> {
-        Self::start_with(command, Stdio::piped())
-    }
-
-    /// Starts a command with its standard output going to a file, for those that write much.
-    pub fn start_into(command: &mut Command, path: &Path) -> Check<Self> {
-        let file = File::create(path).at("create", path)?;
-        Self::start_with(command, file.into())
-    }
-
-    fn start_with(command: &mut Command, stdout: Stdio) -> Check<Self> {
         let name =
             Path::new(command.get_program()).file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut child =
-            command.stdin(Stdio::null()).stdout(stdout).stderr(Stdio::piped()).spawn().map_err(|error| {
-                Failure::new(format!("cannot start {:?}: {error}", command.get_program()))
-            })?;
+            command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().map_err(
+                |error| Failure::new(format!("cannot start {:?}: {error}", command.get_program())),
+            )?;
         let shared = Arc::new(Shared::default());
         if let Some(pipe) = child.stdout.take() {
             collect(pipe, true, &shared);
@@ -164,7 +170,7 @@ impl Program {
             }
             std::thread::sleep(LOOK);
         };
-        self.shared.wait(Instant::now() + DRAIN, |output| output.open == 0);
+        self.shared.drain();
         let lines = std::mem::take(&mut self.shared.lock().lines);
         Ok(Finished { name: self.name.clone(), status, lines })
     }

@@ -1,4 +1,4 @@
-//! The independent decoder: cantools and python-can in a virtual environment of the tests' own.
+//! The independent decoder and the outside clients: packages from PyPI in a virtual environment of the tests' own.
 
 use crate::process;
 use crate::scratch::target_dir;
@@ -39,10 +39,16 @@ pub fn environment(interpreter: &Path) -> (&'static str, &Path) {
     (PYTHON_VARIABLE, interpreter)
 }
 
+/// One of the tests' scripts, to be run by the interpreter of the environment.
+pub fn script(name: &str) -> Check<Command> {
+    let mut command = Command::new(interpreter()?);
+    command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("python").join(name));
+    Ok(command)
+}
+
 /// Decodes a recording. A frame that the DBC does not know is a failure.
 pub fn decode(dbc: &Path, log: &Path) -> Check<Vec<Decoded>> {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("python/decode.py");
-    let finished = process::run(Command::new(interpreter()?).args([&script, dbc, log]), DECODE_LIMIT)?;
+    let finished = process::run(script("decode.py")?.args([dbc, log]), DECODE_LIMIT)?;
     let bad = |line: &str| Failure::new(format!("the independent decoder wrote {line:?}"));
     finished.stdout().lines().map(|line| parse(line).ok_or_else(|| bad(line))).collect()
 }
@@ -70,8 +76,11 @@ fn make() -> Check<PathBuf> {
     // Written last, so that an environment half made is made again.
     let done = environment.join("requirements.txt");
     let works = |interpreter: &Path| {
-        process::run(Command::new(interpreter).args(["-c", "import can, cantools"]), Duration::from_secs(60))
-            .is_ok()
+        process::run(
+            Command::new(interpreter).args(["-c", "import can, cantools, NetFT, pynetft"]),
+            Duration::from_secs(60),
+        )
+        .is_ok()
     };
     if fs::read_to_string(&done).is_ok_and(|text| text == REQUIREMENTS) && works(&interpreter) {
         return Ok(interpreter);

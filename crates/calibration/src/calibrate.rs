@@ -11,6 +11,7 @@ use serde::Serialize;
 use crate::dataset::Dataset;
 use crate::error::Error;
 use crate::gauges::{self, Gauge};
+use crate::joint::{self, Joint, outcome::Correction, told::Untold};
 use crate::observability::{Remedies, words};
 use crate::recording::Recording;
 use crate::solve::{Estimate, unscaled};
@@ -35,6 +36,9 @@ pub struct Calibration {
     pub report: Report,
     /// What a person should know, one line each.
     pub warnings: Vec<String>,
+    /// Where the arm was estimated with the gauges: what is left of each gauge's readings as a mean over each held pose of the
+    /// dataset, counts: `[gauge][window]`.
+    pub left_counts: Option<Vec<Vec<Option<f64>>>>,
 }
 
 /// `wrenchctl calibrate --json`.
@@ -45,7 +49,10 @@ pub struct Report {
     pub samples: u64,
     /// One a gauge.
     pub sensors: Vec<SensorReport>,
-    arm: std::collections::BTreeMap<String, f64>,
+    /// Corrections of the arm, the weights and the reference by name.
+    pub arm: std::collections::BTreeMap<String, Correction>,
+    /// What of these the recordings do not tell.
+    pub arm_unobservable: Vec<Untold>,
 }
 
 /// One gauge in the report; `None` (null) is what the data do not determine.
@@ -101,7 +108,15 @@ pub fn calibrate(
 ) -> Result<Calibration, Error> {
     let dataset = Dataset::new(rig, recordings)?;
     let names: Vec<&str> = rig.config.sensors.iter().map(|s| s.name.as_str()).collect();
-    let gauges = gauges::calibrate(&dataset, &names)?;
+    let mut gauges = gauges::calibrate(&dataset, &names)?;
+    let joint = match axes {
+        Axes::Full => joint::estimate(rig, &dataset, recordings, &gauges),
+        Axes::Five | Axes::Nominal => None,
+    };
+    if let Some(joint) = &joint {
+        gauges.iter_mut().enumerate().for_each(|(k, gauge)| joint.apply(k, gauge));
+    }
+    let arm = joint.as_ref().and_then(|joint| joint.arm(rig));
     let remedies = Remedies::new(rig);
     let sensors: Vec<Sensor> = gauges
         .iter()
@@ -112,6 +127,12 @@ pub fn calibrate(
             if axes != Axes::Full {
                 reduce(&mut sensor, gauge, axes);
             }
+            if let Some(joint) = &joint {
+                let deviations = arm.as_ref().map_or(&[][..], |arm| &arm.deviations);
+                let working = joint.working_covariance(k, deviations);
+                sensor.covariance = std::array::from_fn(|i| std::array::from_fn(|j| working[(i, j)]));
+                (sensor.centre_counts, sensor.scale_counts, sensor.terms) = joint.terms(k, &working);
+            }
             sensor
         })
         .collect();
@@ -119,7 +140,8 @@ pub fn calibrate(
         format: 1,
         samples: dataset.samples,
         sensors: sensors.iter().map(SensorReport::new).collect(),
-        arm: std::collections::BTreeMap::new(),
+        arm: joint.iter().flat_map(Joint::corrections).collect(),
+        arm_unobservable: joint.iter().flat_map(Joint::untold).collect(),
     };
     let model = ModelFile {
         format: 1,
@@ -136,11 +158,14 @@ pub fn calibrate(
             inputs,
         },
         joints: dataset.encoders.clone(),
+        arm,
         sensors,
         fingerprint: rig.fingerprint().clone(),
     };
-    let warnings = warnings(&dataset, &gauges, &names, recordings);
-    Ok(Calibration { model, report, warnings })
+    let mut warnings = warnings(&dataset, &gauges, &names, recordings);
+    warnings.extend(joint.iter().flat_map(|joint| joint.summary(&names)));
+    let left_counts = joint.map(|joint| joint.left_counts(dataset.windows.len()));
+    Ok(Calibration { model, report, warnings, left_counts })
 }
 
 fn sensor(name: &str, section: &str, index: usize, gauge: &Gauge, remedies: &Remedies) -> Sensor {
@@ -174,6 +199,9 @@ fn sensor(name: &str, section: &str, index: usize, gauge: &Gauge, remedies: &Rem
             k_counts_per_nm: unscaled(&gauge.nominal.scaled)[5],
             bias_counts: last_bias(&gauge.nominal),
         },
+        centre_counts: 0.0,
+        scale_counts: 0.0,
+        terms: Vec::new(),
         unobservable: unseen
             .iter()
             .zip(&gauge.assumed_counts_per_n)

@@ -26,6 +26,8 @@ pub struct Window {
     pub session: usize,
     /// Index of its recording.
     pub recording: usize,
+    /// Index of its first instant in the recording; its instants follow one another.
+    pub first: usize,
     /// Times of the readings, s from the log's first frame.
     pub times_s: Vec<f64>,
     /// Mean joint positions, rad.
@@ -164,6 +166,7 @@ fn window(
     Window {
         session,
         recording: index,
+        first: from,
         times_s,
         pose_rad,
         loads,

@@ -1,14 +1,16 @@
 //! All gauges of an arm from the still samples: noise, compliance, bias, what was seen, and covariance.
 
-use model::estimator::GaugeCovariance;
 use model::sensing::{CHARACTERISTIC_LENGTH_M, Compliance};
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::{Matrix6, SMatrix, Vector6};
 
 use crate::dataset::{Dataset, Window};
 use crate::error::Error;
 use crate::noise::NoiseModel;
 use crate::observability::Directions;
 use crate::solve::{self, Estimate, Information, unscaled};
+
+/// Covariance of compliance (counts/N, counts/Nm) and bias (counts) of one gauge.
+pub type LinearCovariance = SMatrix<f64, 7, 7>;
 
 /// Widths assumed of line offset and pitch where too few gauges tell, m.
 const ASSUMED_OFFSET_M: f64 = 0.02;
@@ -21,10 +23,12 @@ pub struct Gauge {
     pub compliance: Vector6<f64>,
     /// Bias of the last session, counts.
     pub bias_counts: f64,
+    /// Bias of each session, counts; `None` where it has no reading of this gauge.
+    pub biases: Vec<Option<f64>>,
     /// Covariance of compliance and bias, the assumed width of unseen directions included.
-    pub covariance: GaugeCovariance,
+    pub covariance: LinearCovariance,
     /// The part of it that the data determined.
-    pub seen_covariance: GaugeCovariance,
+    pub seen_covariance: LinearCovariance,
     /// Noise of one reading.
     pub noise: NoiseModel,
     /// What was seen.
@@ -41,6 +45,34 @@ pub struct Gauge {
     pub readings: u64,
     /// Readings left out as outliers.
     pub outliers: u64,
+}
+
+impl Gauge {
+    /// The scaled estimate with the biases of all sessions.
+    pub fn estimate(&self) -> Estimate {
+        Estimate { scaled: self.directions.seen_compliance(), biases: self.biases.clone() }
+    }
+
+    /// Prior information (scaled) on the directions that the data never saw.
+    pub fn unseen_information(&self) -> Matrix6<f64> {
+        let widths = &self.assumed_counts_per_n;
+        self.directions.unseen().zip(widths).map(|(d, width)| d * d.transpose() / width.powi(2)).sum()
+    }
+
+    /// What of a covariance concerns directions that were seen.
+    pub fn seen_part(&self, covariance: &LinearCovariance) -> LinearCovariance {
+        let mut project = LinearCovariance::identity();
+        for direction in self.directions.unseen() {
+            // Components along an unseen direction of scaled sensitivity vanish.
+            let unit = |k: usize| if k < 3 { 1.0 } else { CHARACTERISTIC_LENGTH_M.recip() };
+            for i in 0..6 {
+                for k in 0..6 {
+                    project[(i, k)] -= unit(i) * direction[i] * direction[k] / unit(k);
+                }
+            }
+        }
+        project * covariance * project.transpose()
+    }
 }
 
 /// One gauge after the passes over the data, before gauges are compared.
@@ -152,9 +184,11 @@ fn finish(dataset: &Dataset, gauge: usize, pass: Pass, directions: Directions, w
     }
     let dependence = pass.information.bias_dependence(session);
     let estimate = Estimate { scaled, biases: biases.clone() };
+    let bias_counts = biases[session].unwrap_or(0.0);
     Gauge {
+        biases,
         compliance: unscaled(&scaled),
-        bias_counts: biases[session].unwrap_or(0.0),
+        bias_counts,
         covariance: with_bias(&whole, &dependence),
         seen_covariance: with_bias(&seen, &dependence),
         residual_rms_counts: residual_rms(dataset, gauge, &estimate),
@@ -169,7 +203,7 @@ fn finish(dataset: &Dataset, gauge: usize, pass: Pass, directions: Directions, w
 }
 
 /// Covariance of compliance (unscaled) and bias from that of the scaled compliance.
-fn with_bias(scaled: &Matrix6<f64>, (dependence, own): &(Vector6<f64>, f64)) -> GaugeCovariance {
+fn with_bias(scaled: &Matrix6<f64>, (dependence, own): &(Vector6<f64>, f64)) -> LinearCovariance {
     let unit = |k: usize| if k < 3 { 1.0 } else { CHARACTERISTIC_LENGTH_M.recip() };
     let mut jacobian = nalgebra::SMatrix::<f64, 7, 6>::zeros();
     for k in 0..6 {
@@ -249,7 +283,7 @@ pub(crate) fn median(values: &[f64]) -> f64 {
 }
 
 /// Runs `work` for `0..n` on the machine's cores, results in order.
-fn in_parallel<T: Send>(n: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
+pub(crate) fn in_parallel<T: Send>(n: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let cores = std::thread::available_parallelism().map_or(1, |c| c.get()).min(n.max(1));
     let next = std::sync::atomic::AtomicUsize::new(0);
     let mut results: Vec<(usize, T)> = std::thread::scope(|scope| {

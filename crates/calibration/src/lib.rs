@@ -2,15 +2,17 @@
 //!
 //! [`recording`] reads a run by the same ingestion as the daemon, [`dataset`] finds the stretches in which the arm holds still
 //! and what loads each section there, [`solve`] and [`noise`] estimate one gauge, [`observability`] says what the data
-//! could not show, [`gauges`] brings all gauges together and [`calibrate`] makes the stored model of it. [`validate`]
-//! scores a recording against its truth.
+//! could not show and [`plan`] what to record next, [`gauges`] brings all gauges together, [`joint`] estimates the arm with them and [`calibrate`]
+//! makes the stored model of it. [`validate`] scores a recording against its truth.
 
 mod calibrate;
 pub mod dataset;
 mod error;
 pub mod gauges;
+pub mod joint;
 pub mod noise;
 pub mod observability;
+pub mod plan;
 pub mod recording;
 pub mod solve;
 pub mod still;

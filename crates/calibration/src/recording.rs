@@ -28,6 +28,8 @@ pub struct Recording {
     pub velocities_rad_s: Vec<Vec<f64>>,
     /// Reading of each gauge at each instant: `[gauge][instant]`, counts; `None` where absent.
     pub counts: Vec<Vec<Option<f64>>>,
+    /// Temperature of each gauge at each instant: `[gauge][instant]`, degC; `None` where absent.
+    pub temperatures_c: Vec<Vec<Option<f64>>>,
     /// What hung on the tip.
     pub loads: Loads,
     /// What is not to be used.
@@ -163,6 +165,7 @@ impl Builder {
             positions_rad: vec![Vec::new(); coordinates],
             velocities_rad_s: vec![Vec::new(); coordinates],
             counts: vec![Vec::new(); gauges],
+            temperatures_c: vec![Vec::new(); gauges],
             loads: Loads::default(),
             excludes: Vec::new(),
             reference: None,
@@ -223,5 +226,8 @@ fn append(recording: &mut Recording, snapshot: &Snapshot, sampled: Sampled) {
     }
     for (gauge, column) in snapshot.gauges.iter().zip(&mut recording.counts) {
         column.push(gauge.ok().map(|reading| reading.value));
+    }
+    for (temperature, column) in snapshot.temperatures.iter().zip(&mut recording.temperatures_c) {
+        column.push(temperature.ok().map(|reading| reading.value));
     }
 }

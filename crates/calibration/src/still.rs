@@ -9,6 +9,9 @@ const OVER_NS: i64 = 160_000_000;
 /// An instant this near to one that is not still is not still either, ns.
 const MARGIN_NS: i64 = 60_000_000;
 
+/// What a hold loses at each end where the arm moves fast up to it, s.
+pub const LOST_S: f64 = (OVER_NS / 2 + MARGIN_NS) as f64 * 1e-9;
+
 /// For every instant, whether all joints are slower than 5 mrad/s (central difference over 0.16 s) then and within
 /// 60 ms of it. `positions_rad[j][k]` is joint j at instant k; instants rise.
 pub fn still_instants(at_ns: &[i64], positions_rad: &[Vec<f64>]) -> Vec<bool> {

@@ -61,6 +61,12 @@ pub struct Score {
     pub force_rms_percent_fs: Option<f64>,
     /// Mean squared error over reported variance of each component; null for the baselines, which report none.
     pub nees: Option<[f64; 6]>,
+    /// The published five-parameter method on the same instants; none in the scores of a baseline.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub five_parameter: Option<Box<Score>>,
+    /// No crosstalk correction, on the same instants; none in the scores of a baseline.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nominal_axes: Option<Box<Score>>,
 }
 
 /// One published instant, for `--csv`.
@@ -133,18 +139,24 @@ pub fn validate(
         let both = s[0].plus(&s[1]);
         [s[0], s[1], both].map(|s| s.score(full_scale_n, honest))
     };
-    let [still, moving, all] = scores(&sums[0], true);
     let baseline = |s: &Split| {
         let [still, moving, all] = scores(s, false);
         Baseline { still, moving, all }
     };
+    let (five_parameter, nominal_axes) = (baseline(&sums[1]), baseline(&sums[2]));
+    let [still, moving, all] = scores(&sums[0], true);
+    let beside = |own: Score, of: fn(&Baseline) -> &Score| Score {
+        five_parameter: Some(Box::new(of(&five_parameter).clone())),
+        nominal_axes: Some(Box::new(of(&nominal_axes).clone())),
+        ..own
+    };
     Ok(Validation {
         format: 1,
-        still,
-        moving,
-        all,
-        five_parameter: baseline(&sums[1]),
-        nominal_axes: baseline(&sums[2]),
+        still: beside(still, |b| &b.still),
+        moving: beside(moving, |b| &b.moving),
+        all: beside(all, |b| &b.all),
+        five_parameter,
+        nominal_axes,
         full_scale_n,
         invalid,
         status,
@@ -197,6 +209,7 @@ impl Sums {
             torque_rms_all_nm: Some(rms_of_three(3)),
             force_rms_percent_fs: (full_scale_n > 0.0).then(|| 100.0 * rms_of_three(0) / full_scale_n),
             nees: honest.then(|| self.normalised.map(|v| v / n)),
+            ..Score::default()
         }
     }
 }
@@ -206,6 +219,7 @@ struct Scorer {
     tracker: MotionTracker,
     stage: Stage,
     truth: Dynamics,
+    nominal: Dynamics,
     baselines: [BaselineEstimator; 2],
     still: Vec<bool>,
     /// Motion without lag at each instant of the recording: `[coordinate][instant]`.
@@ -232,8 +246,9 @@ impl Scorer {
         });
         Self {
             tracker: MotionTracker::new(rig, model),
-            stage: Stage::new(rig, model.gauges()),
-            truth: dynamics,
+            stage: Stage::of_model(rig, model),
+            truth: dynamics.clone(),
+            nominal: dynamics,
             baselines: [BaselineEstimator::new(five.collect()), BaselineEstimator::new(nominal.collect())],
             still: still_instants(&recording.at_ns, &recording.positions_rad),
             motion,
@@ -254,9 +269,11 @@ impl Scorer {
         let t_s = (snapshot.instant_ns - recording.start_ns) as f64 * 1e-9;
         let truth = truth(&mut self.truth, recording, t_s, lagless.as_deref());
         let baselines = match estimate.outcome {
+            // The baselines know the arm as its URDF has it, at the encoders' positions.
             Ok(_) => {
-                let dynamics = self.stage.estimator().dynamics();
-                self.baselines.each_mut().map(|b| b.estimate(dynamics, snapshot))
+                let smooth = lagless.as_deref().filter(|_| self.smoothed);
+                update(&mut self.nominal, smooth.unwrap_or(self.tracker.motion()));
+                self.baselines.each_mut().map(|b| b.estimate(&self.nominal, snapshot))
             }
             Err(_) => [None, None],
         };
@@ -274,9 +291,13 @@ fn truth(
     let reference = recording.reference.as_ref().and_then(|r| r.at(t_s)).unwrap_or_else(Wrench::zero);
     let body = recording.loads.at(t_s);
     let Some(motion) = motion.filter(|_| body.mass_kg != 0.0) else { return reference };
+    update(dynamics, motion);
+    reference + dynamics.payload_wrench(&body)
+}
+
+fn update(dynamics: &mut Dynamics, motion: &[JointMotion]) {
     let part = |f: fn(&JointMotion) -> f64| motion.iter().map(f).collect::<Vec<_>>();
     dynamics.update(&part(|m| m.position_rad), &part(|m| m.velocity_rad_s), &part(|m| m.acceleration_rad_s2));
-    reference + dynamics.payload_wrench(&body)
 }
 
 /// `W = (J' J'^T)^-1 J' t'`: unweighted, in Nm about each gauge's own sensing line.

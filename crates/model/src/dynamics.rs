@@ -112,6 +112,8 @@ pub struct Dynamics {
     links: Vec<Option<(usize, Pose)>>,
     /// The tip frame in the last segment's, or in the base if there are no segments.
     tip: Pose,
+    /// What the last segment carries without a payload.
+    unloaded: RigidBody,
     /// Per coordinate its segment.
     turning: Vec<usize>,
     sines: Vec<(f64, f64)>,
@@ -192,6 +194,15 @@ impl Dynamics {
         Wrench::new(force, tip.rotation * wrench.moment_nm + tip.translation_m.cross(&force))
     }
 
+    /// Torque about a coordinate's axis (Nm) that the arm outboard of its joint and a tip wrench in E apply to the inboard side.
+    #[must_use]
+    pub fn joint_torque_nm(&self, coordinate: usize, wrench: &Wrench<Tip>) -> f64 {
+        let state = &self.states[self.turning[coordinate]];
+        let force = state.tip.rotation * wrench.force_n;
+        let moment = state.tip.rotation * wrench.moment_nm + state.tip.translation_m.cross(&force);
+        state.moment_nm.z + moment.z
+    }
+
     /// The tip frame E in the base frame W (m).
     #[must_use]
     pub fn tip_in_base(&self) -> Pose {
@@ -219,6 +230,14 @@ impl Dynamics {
     pub fn payload_wrench(&self, body: &RigidBody) -> Wrench<Tip> {
         let (force, moment) = self.tip_motion().load_of(body);
         Wrench::new(force, moment)
+    }
+
+    /// Makes a body (tip frame) that is rigidly fixed to the tip a part of the arm, in place of the one before; a body without
+    /// mass takes it off. Counts from the next update on; exact, as if the chain had been made with it.
+    pub fn set_payload(&mut self, body: &RigidBody) {
+        if let Some(last) = self.segments.last_mut() {
+            last.body = self.unloaded + body.transformed(&self.tip);
+        }
     }
 
     fn segment_in_base(&self, segment: usize) -> Pose {

@@ -5,6 +5,7 @@
 //! [`sensing`] (what a gauge makes of a load, and its actual sensing frame), [`motion`] (velocity and acceleration from
 //! positions) and [`estimator`] (the environment's wrench).
 
+pub mod arm;
 pub mod chain;
 pub mod dynamics;
 mod error;
@@ -12,4 +13,5 @@ pub mod estimator;
 pub mod motion;
 pub mod sensing;
 pub mod spatial;
+pub mod terms;
 pub mod urdf;

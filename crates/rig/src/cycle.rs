@@ -1,19 +1,24 @@
 //! The cycle: CAN frames in, the environment's wrench out. Daemon, demo and offline commands all run this.
 //!
 //! ```text
-//! frame + stamp -> Assembler -> snapshot -> MotionFilter per joint -> WrenchEstimator -> Estimate
+//! frame + stamp -> Assembler -> snapshot -> MotionFilter per joint, Conditioner per gauge -> WrenchEstimator -> Estimate
 //! ```
 //!
 //! A function of the frames, their stamps and the model alone: no clock, so live and offline agree. Allocates at
 //! construction only.
 
+mod stage;
+
+pub use stage::{GaugeState, Stage};
+
 use can::assembly::{Absence, Assembler, Snapshot};
 use can::frame::Stamped;
-use model::estimator::{GaugeModel, NoWrench, Solution, WrenchEstimator};
+use model::estimator::{NoWrench, Solution};
 use model::motion::{JointMotion, MotionFilter, RoundClock, Sampled};
 
 use crate::model_file::ModelFile;
 use crate::status::Status;
+use crate::tare::TareRefusal;
 use crate::{Rig, RigError};
 
 /// A wrench whose worst direction is less certain than this is flagged, N (moments over 0.1 m).
@@ -74,87 +79,6 @@ impl std::fmt::Display for Refusal {
     }
 }
 
-/// Snapshot and joint motion to a wrench: the last part of the cycle, also used with a motion known from elsewhere.
-#[derive(Clone, Debug)]
-pub struct Stage {
-    estimator: WrenchEstimator,
-    counts: Vec<Option<f64>>,
-    watches: Vec<StuckWatch>,
-}
-
-/// Tells a gauge that stands still from one that is quiet.
-#[derive(Clone, Copy, Debug)]
-struct StuckWatch {
-    /// Whether the gauge's noise is large enough for equal readings to mean something.
-    noisy: bool,
-    last_counts: f64,
-    repeats: u32,
-}
-
-impl StuckWatch {
-    fn new(gauge: &GaugeModel) -> Self {
-        /// Noise of so many counts makes equal readings in a row rarer than one in a million.
-        const NOISY_COUNTS: f64 = 10.0;
-        Self { noisy: gauge.noise_counts2 > NOISY_COUNTS.powi(2), last_counts: f64::NAN, repeats: 0 }
-    }
-
-    /// Takes in the next reading; whether the gauge is stuck.
-    fn is_stuck(&mut self, counts: f64) -> bool {
-        self.repeats = if counts == self.last_counts { self.repeats.saturating_add(1) } else { 0 };
-        self.last_counts = counts;
-        self.noisy && self.repeats >= STUCK_AFTER
-    }
-}
-
-impl Stage {
-    /// For a robot and its gauges.
-    pub fn new(rig: &Rig, gauges: Vec<GaugeModel>) -> Self {
-        let n = gauges.len();
-        Self {
-            watches: gauges.iter().map(StuckWatch::new).collect(),
-            estimator: WrenchEstimator::new(&rig.chain, &rig.sections, gauges),
-            counts: Vec::with_capacity(n),
-        }
-    }
-
-    /// The wrench of a snapshot, given every coordinate's motion at its instant.
-    pub fn estimate(&mut self, snapshot: &Snapshot, motion: &[JointMotion], status: Status) -> Estimate {
-        let mut status = status;
-        self.counts.clear();
-        for (gauge, watch) in snapshot.gauges.iter().zip(&mut self.watches) {
-            let counts = match gauge {
-                Ok(reading) if watch.is_stuck(reading.value) => Err(Status::DEGRADED),
-                Ok(reading) => Ok(reading.value),
-                Err(absence) => Err(left_out(*absence)),
-            };
-            status = status.with(counts.err().unwrap_or_default());
-            self.counts.push(counts.ok());
-        }
-        let outcome = self.estimator.estimate(motion, &self.counts).map_err(Refusal::Estimator);
-        let outcome = outcome.and_then(|solution| match worst_sigma_n(&solution) <= INVALID_ABOVE_N {
-            true => Ok(solution),
-            false => Err(Refusal::TooUncertain),
-        });
-        status = status.with(match &outcome {
-            Ok(solution) => judge(solution),
-            Err(Refusal::TooUncertain) => Status::INVALID.with(Status::UNCERTAIN),
-            Err(_) => Status::INVALID,
-        });
-        Estimate {
-            instant_ns: snapshot.instant_ns,
-            last_stamp_ns: snapshot.last_stamp_ns,
-            round: snapshot.round,
-            outcome,
-            status,
-        }
-    }
-
-    /// The estimator with the state of the last estimate.
-    pub fn estimator(&self) -> &WrenchEstimator {
-        &self.estimator
-    }
-}
-
 /// The whole way from frames to wrenches.
 #[derive(Debug)]
 pub struct Cycle {
@@ -169,15 +93,29 @@ impl Cycle {
         Ok(Self {
             assembler: Assembler::new(&rig.layout)?,
             tracker: MotionTracker::new(rig, model),
-            stage: Stage::new(rig, model.gauges()),
+            stage: Stage::of_model(rig, model),
         })
     }
 
     /// Takes the next frame and hands each wrench that it completes to `out`, oldest first (mostly none or one).
     pub fn push(&mut self, frame: &Stamped, mut out: impl FnMut(&Estimate)) {
         for snapshot in self.assembler.push(frame) {
-            out(&self.tracker.advance(snapshot, &mut self.stage));
+            let estimate = self.tracker.advance(snapshot, &mut self.stage);
+            if let Err(refusal) = estimate.outcome {
+                self.stage.refuse_tare(TareRefusal::NoWrench(refusal));
+            }
+            out(&estimate);
         }
+    }
+
+    /// The last part, where tare and payload are applied.
+    pub fn stage(&self) -> &Stage {
+        &self.stage
+    }
+
+    /// The last part, to tare or to declare a payload.
+    pub fn stage_mut(&mut self) -> &mut Stage {
+        &mut self.stage
     }
 
     /// What the assembler met so far.
@@ -248,68 +186,25 @@ impl MotionTracker {
         }
     }
 
+    /// Motion of every coordinate as last tracked.
+    pub fn motion(&self) -> &[JointMotion] {
+        &self.motion
+    }
+
     /// The wrench of the next snapshot.
     pub fn advance(&mut self, snapshot: &Snapshot, stage: &mut Stage) -> Estimate {
         match self.track(snapshot) {
             Ok((motion, status)) => stage.estimate(snapshot, motion, status),
-            Err(coordinate) => Estimate {
-                instant_ns: snapshot.instant_ns,
-                last_stamp_ns: snapshot.last_stamp_ns,
-                round: snapshot.round,
-                outcome: Err(Refusal::JointUnknown(coordinate)),
-                status: Status::INVALID.with(Status::STALE),
-            },
+            Err(coordinate) => {
+                let heard = stage.listen(snapshot);
+                Estimate {
+                    instant_ns: snapshot.instant_ns,
+                    last_stamp_ns: snapshot.last_stamp_ns,
+                    round: snapshot.round,
+                    outcome: Err(Refusal::JointUnknown(coordinate)),
+                    status: Status::INVALID.with(Status::STALE).with(heard),
+                }
+            }
         }
-    }
-}
-
-/// What a gauge's absence means for the wrench.
-fn left_out(absence: Absence) -> Status {
-    Status::DEGRADED.with(match absence {
-        Absence::Saturated => Status::SATURATED,
-        Absence::Stale | Absence::NeverSeen => Status::STALE,
-        _ => Status::GOOD,
-    })
-}
-
-/// Standard deviation of the worst direction, N (moments over the characteristic length).
-fn worst_sigma_n(solution: &Solution) -> f64 {
-    1.0 / solution.singular_values_per_n[5]
-}
-
-/// What a solution says about itself.
-fn judge(solution: &Solution) -> Status {
-    let uncertain = worst_sigma_n(solution) > UNCERTAIN_ABOVE_N;
-    let limit = PARITY_LIMIT_SIGMA.powi(2) + solution.parity_dof as f64;
-    let parity = solution.parity_dof > 0 && solution.parity_chi2 > limit;
-    let flag = |raised: bool, status| if raised { status } else { Status::GOOD };
-    flag(uncertain, Status::UNCERTAIN).with(flag(parity, Status::PARITY))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn gauge(noise_counts: f64) -> GaugeModel {
-        GaugeModel {
-            compliance: nalgebra::Vector6::zeros(),
-            bias_counts: 0.0,
-            covariance: nalgebra::SMatrix::zeros(),
-            assumed: None,
-            noise_counts2: noise_counts * noise_counts,
-        }
-    }
-
-    #[test]
-    fn a_noisy_gauge_that_repeats_itself_is_stuck_until_it_moves() {
-        let mut watch = StuckWatch::new(&gauge(700.0));
-        let stuck: Vec<bool> = [3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 4.0].map(|c| watch.is_stuck(c)).into();
-        assert_eq!(stuck, [false, false, false, false, false, true, true, false]);
-    }
-
-    #[test]
-    fn a_quiet_gauge_may_repeat_itself() {
-        let mut watch = StuckWatch::new(&gauge(0.5));
-        assert!((0..100).all(|_| !watch.is_stuck(3.0)));
     }
 }

@@ -1,5 +1,6 @@
 //! What can be wrong with a robot's files, each as one message: where, what, and what to do.
 
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 /// Why a configuration, a run directory or a robot could not be used.
@@ -63,14 +64,28 @@ pub fn read_text(file: &Path, what: &str) -> Result<String, RigError> {
     })
 }
 
+/// No configuration, URDF, DBC or model is larger; a device such as /dev/zero never ends.
+const MOST_BYTES: u64 = 64 << 20;
+
+fn read_at_most(file: &Path, most: u64) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    std::fs::File::open(file)?.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        let text = format!("it is larger than {} MiB", most >> 20);
+        return Err(std::io::Error::new(std::io::ErrorKind::FileTooLarge, text));
+    }
+    Ok(bytes)
+}
+
 /// The bytes of a file; `what` says in two or three words what the file should be.
 ///
 /// # Errors
 /// The file cannot be read, with what to do about it.
 pub fn read_bytes(file: &Path, what: &str) -> Result<Vec<u8>, RigError> {
-    std::fs::read(file).map_err(|source| {
+    read_at_most(file, MOST_BYTES).map_err(|source| {
         let remedy = match source.kind() {
             std::io::ErrorKind::NotFound => format!("give the path of {what}"),
+            std::io::ErrorKind::FileTooLarge => format!("give {what}"),
             std::io::ErrorKind::IsADirectory => format!("give the path of {what}, not of its folder"),
             _ => format!("make {what} readable for this user"),
         };

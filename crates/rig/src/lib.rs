@@ -8,6 +8,7 @@ pub mod error;
 pub mod model_file;
 pub mod run;
 pub mod status;
+pub mod tare;
 pub mod wire;
 
 pub use binding::Rig;

@@ -13,21 +13,45 @@ const WARM_UP_TIME_S: f64 = 900.0;
 /// Largest difference of a gauge from the room at the start, K.
 const SPREAD_K: f64 = 0.4;
 
+/// Temperature of a hall on some day, degC; what it changes by while one records, K; and how fast, s.
+const DAY_C: (f64, f64) = (19.0, 27.0);
+const DAY_CHANGE_K: f64 = 3.0;
+const DAY_TIME_S: (f64, f64) = (200.0, 600.0);
+
 /// Temperature of every gauge (degC) over time.
 #[derive(Clone, Debug)]
 pub(crate) struct Climate {
     offsets_k: Vec<f64>,
+    room_c: f64,
+    warm_up_k: f64,
+    warm_up_time_s: f64,
 }
 
 impl Climate {
     pub(crate) fn new(gauges: usize, seed: u64) -> Self {
         let mut rng = stream(seed, Purpose::Climate);
-        Self { offsets_k: (0..gauges).map(|_| rng.random_range(-SPREAD_K..SPREAD_K)).collect() }
+        let offsets_k = (0..gauges).map(|_| rng.random_range(-SPREAD_K..SPREAD_K)).collect();
+        Self { offsets_k, room_c: ROOM_C, warm_up_k: WARM_UP_K, warm_up_time_s: WARM_UP_TIME_S }
     }
+
+    /// Some day in a hall: colder or warmer than others, and still changing.
+    pub(crate) fn some_day(gauges: usize, seed: u64) -> Self {
+        let nominal = Self::new(gauges, seed);
+        let mut rng = stream(seed, Purpose::Day);
+        Self {
+            room_c: rng.random_range(DAY_C.0..DAY_C.1),
+            warm_up_k: DAY_CHANGE_K * if rng.random_bool(0.5) { 1.0 } else { -1.0 },
+            warm_up_time_s: rng.random_range(DAY_TIME_S.0..DAY_TIME_S.1),
+            ..nominal
+        }
+    }
+
+    /// Temperature that all gauges are near at the beginning, degC.
+    pub(crate) const MIDDLE_C: f64 = ROOM_C;
 
     /// Temperature of a gauge at an instant (s since the start), degC.
     pub(crate) fn at_c(&self, gauge: usize, t_s: f64) -> f64 {
-        let warm_up_k = WARM_UP_K * -(-t_s / WARM_UP_TIME_S).exp_m1();
-        ROOM_C + self.offsets_k.get(gauge).copied().unwrap_or(0.0) + warm_up_k
+        let warm_up_k = self.warm_up_k * -(-t_s / self.warm_up_time_s).exp_m1();
+        self.room_c + self.offsets_k.get(gauge).copied().unwrap_or(0.0) + warm_up_k
     }
 }

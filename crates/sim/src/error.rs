@@ -45,6 +45,9 @@ pub enum SimError {
     /// An option without meaning.
     #[error("{0}")]
     Option(String),
+    /// Stopped before it was done.
+    #[error("interrupted; nothing was left behind")]
+    Interrupted,
     /// A directory that is there already.
     #[error("{dir} exists already; remove it, or give another name", dir = .dir.display())]
     Exists {

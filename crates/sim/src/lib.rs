@@ -25,12 +25,14 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! What is simulated is the nominal arm: rigid, exactly its URDF, with linear gauges and synchronised boards.
+//! What is simulated is the nominal arm: rigid, exactly its URDF, with linear gauges and synchronised boards; with
+//! [`Truth::with_imperfections`] an arm as it is built, where none of that holds but the boards.
 
 mod bus;
 mod climate;
 mod error;
 mod gauge;
+pub mod imperfect;
 pub mod mechanics;
 pub mod motion;
 pub mod output;
@@ -41,6 +43,7 @@ mod simulator;
 pub mod truth;
 
 pub use error::SimError;
+pub use imperfect::Imperfections;
 pub use mechanics::Mechanics;
 pub use motion::{JointState, Trajectory};
 pub use scenario::{Preset, Scenario};

@@ -7,13 +7,18 @@ use nalgebra::Vector6;
 use rig::Rig;
 use rig::run::Loads;
 
+use crate::imperfect::{Imperfections, Spring};
 use crate::motion::{JointState, Trajectory};
 use crate::push::Push;
 use crate::scenario::Scenario;
 
-/// The rigid arm of a configuration on its way, with what hangs on its tip and what pushes it.
+/// Rounds in which joints and the torque that they yield under come to rest: each leaves a thousandth of what was left.
+const YIELD_ROUNDS: usize = 4;
+
+/// The arm of a configuration on its way, with what hangs on its tip and what pushes it.
 ///
-/// The loads are exact: positions, velocities and accelerations come from the trajectory's own formula.
+/// The loads are exact: positions, velocities and accelerations come from the trajectory's own formula. Joints that yield do so at
+/// once, without motion of their own.
 #[derive(Clone, Debug)]
 pub struct Mechanics {
     dynamics: Dynamics,
@@ -22,6 +27,15 @@ pub struct Mechanics {
     push: Push,
     state: JointState,
     tip: Wrench<Tip>,
+    body: Option<Yielding>,
+}
+
+/// Joints whose links are elsewhere than their encoders say.
+#[derive(Clone, Debug)]
+struct Yielding {
+    zeros_rad: Vec<f64>,
+    springs: Vec<Spring>,
+    links_rad: Vec<f64>,
 }
 
 impl Mechanics {
@@ -35,6 +49,24 @@ impl Mechanics {
             push: scenario.push.clone(),
             state: JointState::at_rest(rig.chain.coordinates()),
             tip: Wrench::zero(),
+            body: None,
+        };
+        mechanics.update(0.0);
+        mechanics
+    }
+
+    /// The same arm as it was built.
+    #[must_use]
+    pub fn imperfect(rig: &Rig, scenario: &Scenario, faults: &Imperfections) -> Self {
+        let mut mechanics = Self {
+            dynamics: Dynamics::new(&faults.body.chain, &rig.sections),
+            loads: Loads::new(faults.hanging(&scenario.loads)),
+            body: Some(Yielding {
+                zeros_rad: faults.body.zeros_rad.clone(),
+                springs: faults.body.springs.clone(),
+                links_rad: vec![0.0; faults.body.zeros_rad.len()],
+            }),
+            ..Self::new(rig, scenario)
         };
         mechanics.update(0.0);
         mechanics
@@ -43,12 +75,24 @@ impl Mechanics {
     /// Goes to an instant (s since the beginning).
     pub fn update(&mut self, t_s: f64) {
         self.trajectory.at(t_s, &mut self.state);
-        let state = &self.state;
-        self.dynamics.update(&state.positions_rad, &state.velocities_rad_s, &state.accelerations_rad_s2);
-        self.tip = self.dynamics.payload_wrench(&self.loads.at(t_s)) + self.push.at(t_s);
+        let (state, body, push) = (&self.state, self.loads.at(t_s), self.push.at(t_s));
+        let Some(joints) = &mut self.body else {
+            self.dynamics.update(&state.positions_rad, &state.velocities_rad_s, &state.accelerations_rad_s2);
+            self.tip = self.dynamics.payload_wrench(&body) + push;
+            return;
+        };
+        let yields = joints.springs.iter().any(|spring| spring.yield_rad(1.0) != 0.0);
+        for round in 0..if yields { YIELD_ROUNDS } else { 1 } {
+            for (k, link) in joints.links_rad.iter_mut().enumerate() {
+                let torque_nm = if round > 0 { self.dynamics.joint_torque_nm(k, &self.tip) } else { 0.0 };
+                *link = state.positions_rad[k] + joints.zeros_rad[k] + joints.springs[k].yield_rad(torque_nm);
+            }
+            self.dynamics.update(&joints.links_rad, &state.velocities_rad_s, &state.accelerations_rad_s2);
+            self.tip = self.dynamics.payload_wrench(&body) + push;
+        }
     }
 
-    /// Motion of the joints at the instant (rad, rad/s, rad/s^2).
+    /// Motion of the joints at the instant as their encoders see it (rad, rad/s, rad/s^2).
     #[must_use]
     pub fn state(&self) -> &JointState {
         &self.state

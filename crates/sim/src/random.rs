@@ -13,6 +13,9 @@ pub(crate) enum Purpose {
     Bus = 5,
     Reference = 6,
     Climate = 7,
+    Faults = 8,
+    FaultStart = 9,
+    Day = 10,
 }
 
 /// The stream of a purpose under a seed.

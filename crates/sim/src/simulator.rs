@@ -13,6 +13,7 @@ use crate::SimError;
 use crate::bus::{Bus, Sample};
 use crate::climate::Climate;
 use crate::gauge::{NoiseState, normal};
+use crate::imperfect::StrainState;
 use crate::mechanics::Mechanics;
 use crate::random::{Purpose, stream};
 use crate::scenario::Scenario;
@@ -22,6 +23,8 @@ use crate::truth::{Truth, range_si};
 pub const START_NS: i64 = 1_790_000_000_000_000_000;
 /// Time between two messages of temperatures, s.
 const TEMPERATURES_EVERY_S: f64 = 0.1;
+/// Noise of the thermometers of an arm as it is built, K.
+const THERMOMETER_SIGMA_K: f64 = 0.1;
 /// Fastest rate, Hz: beyond it no CAN bus carries even one frame a cycle.
 const MAX_RATE_HZ: f64 = 20_000.0;
 
@@ -53,6 +56,8 @@ pub struct Simulator {
     bus: Bus,
     climate: Climate,
     noise: Vec<NoiseState>,
+    /// Faults of the gauges; none for linear ones.
+    strains: Vec<StrainState>,
     /// Range of each gauge's signal, counts.
     ranges: Vec<(f64, f64)>,
     gauge_rng: StdRng,
@@ -83,7 +88,12 @@ impl Simulator {
         let mut gauge_rng = stream(options.seed, Purpose::GaugeNoise);
         let noise =
             truth.gauges.iter().map(|g| NoiseState::new(&g.noise, rate_hz.recip(), &mut gauge_rng)).collect();
-        let mechanics = Mechanics::new(rig, scenario);
+        let mechanics = match &truth.imperfections {
+            Some(faults) => Mechanics::imperfect(rig, scenario, faults),
+            None => Mechanics::new(rig, scenario),
+        };
+        let mut start_rng = stream(options.seed, Purpose::FaultStart);
+        let strains = truth.imperfections.iter().flat_map(|faults| &faults.strains);
         let sample = Sample {
             counts: vec![0.0; truth.gauges.len()],
             saturated: vec![false; truth.gauges.len()],
@@ -92,7 +102,11 @@ impl Simulator {
             velocities_rad_s: vec![0.0; truth.encoders.len()],
         };
         Ok(Self {
-            climate: Climate::new(truth.gauges.len(), options.seed),
+            climate: match &truth.imperfections {
+                Some(_) => Climate::some_day(truth.gauges.len(), options.seed),
+                None => Climate::new(truth.gauges.len(), options.seed),
+            },
+            strains: strains.map(|strain| StrainState::new(strain, &mut start_rng)).collect(),
             noise,
             ranges: rig.layout.gauges.iter().map(|gauge| range_si(&gauge.counts)).collect(),
             gauge_rng,
@@ -169,6 +183,7 @@ impl Simulator {
     fn step(&mut self) {
         let t_s = self.instant_s(self.cycle);
         self.sample(t_s);
+        self.strain();
         self.disturb();
         self.convert();
         self.fresh.clear();
@@ -195,11 +210,35 @@ impl Simulator {
         }
     }
 
+    /// Adds what the gauges' faults add: slow against a cycle, so the same at all of its sampling instants.
+    fn strain(&mut self) {
+        let Some(first) = self.samples.first() else { return };
+        let step_s = self.rate_hz.recip();
+        let added: Vec<f64> = self
+            .strains
+            .iter_mut()
+            .enumerate()
+            .map(|(k, strain)| {
+                let counts = first.counts[k] - self.truth.gauges[k].bias_counts;
+                strain.next(step_s, counts, first.temperatures_c[k], Climate::MIDDLE_C)
+            })
+            .collect();
+        for sample in &mut self.samples {
+            sample.counts.iter_mut().zip(&added).for_each(|(counts, added)| *counts += added);
+        }
+    }
+
     /// Adds one cycle's noise.
     fn disturb(&mut self) {
         for (index, noise) in self.noise.iter_mut().enumerate() {
             let noise_counts = noise.next(&mut self.gauge_rng);
             self.samples.iter_mut().for_each(|sample| sample.counts[index] += noise_counts);
+        }
+        if self.truth.imperfections.is_some() {
+            for index in 0..self.truth.gauges.len() {
+                let noise_k = THERMOMETER_SIGMA_K * normal(&mut self.gauge_rng);
+                self.samples.iter_mut().for_each(|sample| sample.temperatures_c[index] += noise_k);
+            }
         }
         for (index, encoder) in self.truth.encoders.iter().enumerate() {
             let position_rad = encoder.position_sigma_rad * normal(&mut self.encoder_rng);

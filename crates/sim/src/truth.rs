@@ -9,6 +9,7 @@ use rand::rngs::StdRng;
 use rig::{ModelFile, Rig};
 
 use crate::SimError;
+use crate::imperfect::Imperfections;
 use crate::random::{Purpose, stream};
 
 /// Crosstalk of cheap gauges, per cent, smallest and largest: what Kim, Park and Song (J. Mech. Sci. Technol. 24(8), 2010)
@@ -71,6 +72,8 @@ pub struct Truth {
     pub gauges: Vec<TrueGauge>,
     /// The encoders, one a coordinate.
     pub encoders: Vec<TrueEncoder>,
+    /// What else is not as declared; none for an arm that is exactly its URDF, with linear gauges.
+    pub imperfections: Option<Imperfections>,
 }
 
 impl TrueGauge {
@@ -98,7 +101,17 @@ impl Truth {
         Self {
             gauges: gauges.iter().map(|gauge| draw_gauge(&gauge.counts, pitch_max_m, &mut rng)).collect(),
             encoders: vec![usual_encoder(); rig.chain.coordinates()],
+            imperfections: None,
         }
+    }
+
+    /// The same gauges and encoders on an arm as it is built, with every small fault of a cheap one, drawn from `seed`.
+    ///
+    /// # Errors
+    /// A joint whose limits leave no motion.
+    pub fn with_imperfections(mut self, rig: &Rig, seed: u64) -> Result<Self, SimError> {
+        self.imperfections = Some(Imperfections::draw(rig, &self.gauges, seed)?);
+        Ok(self)
     }
 
     /// The gauges and encoders of a calibrated model of this robot.
@@ -131,6 +144,7 @@ impl Truth {
         Ok(Self {
             gauges: model.sensors.iter().map(gauge).collect(),
             encoders: model.joints.iter().map(encoder).collect(),
+            imperfections: None,
         })
     }
 

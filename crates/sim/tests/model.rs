@@ -6,7 +6,7 @@ mod common;
 use common::rig;
 use model::spatial::Wrench;
 use nalgebra::Vector3;
-use rig::model_file::{Components, Encoder, FiveParameter, Frame, NominalAxes, Provenance, Sensor};
+use rig::model_file::{Components, Encoder, Provenance, Sensor};
 use rig::run::LoadInterval;
 use rig::{Cycle, ModelFile, Rig};
 use wrenchd_sim::motion::{MotionLimits, Trajectory};
@@ -16,35 +16,16 @@ use wrenchd_sim::{Options, Scenario, Simulator, Truth};
 /// The model that a perfect calibration would find.
 fn perfect(rig: &Rig, truth: &Truth) -> ModelFile {
     let sensors = truth.gauges.iter().zip(&rig.config.sensors).map(|(gauge, entry)| {
-        let c: [f64; 6] = gauge.compliance.vector().into();
         let covariance = std::array::from_fn(|i| std::array::from_fn(|k| if i == k { 1.0 } else { 0.0 }));
         Sensor {
-            name: entry.name.clone(),
-            section: entry.section.clone(),
             bias_counts: gauge.bias_counts,
             bias_sigma_counts: 1.0,
-            noise_floor_counts: gauge.noise.sigma_counts,
             noise_slow_share: gauge.noise.slow_share,
             noise_slow_time_s: gauge.noise.slow_time_s,
-            residual_rms_counts: gauge.noise.sigma_counts,
             crosstalk_percent: Some(gauge.compliance.crosstalk_percent(0.1)),
-            crosstalk_length_m: 0.1,
             covariance,
-            working_compliance: None,
-            compliance: Components::from_array(c.map(Some)),
             compliance_sigma: Components::from_array([Some(1.0); 6]),
-            frame: Frame::default(),
-            frame_sigma: Frame::default(),
-            five_parameter: FiveParameter {
-                r_counts_per_nm: 1.0,
-                a_x_rad: 0.0,
-                a_y_rad: 0.0,
-                l_x_m: 0.0,
-                l_y_m: 0.0,
-                bias_counts: 0.0,
-            },
-            nominal_axes: NominalAxes { k_counts_per_nm: 1.0, bias_counts: 0.0 },
-            unobservable: Vec::new(),
+            ..Sensor::known(&entry.name, &entry.section, &gauge.compliance, gauge.noise.sigma_counts)
         }
     });
     let encoder = |name: &&str| Encoder {
@@ -62,6 +43,7 @@ fn perfect(rig: &Rig, truth: &Truth) -> ModelFile {
             inputs: Vec::new(),
         },
         joints: rig.chain.coordinate_names().iter().map(encoder).collect(),
+        arm: None,
         sensors: sensors.collect(),
         fingerprint: rig.fingerprint().clone(),
     }

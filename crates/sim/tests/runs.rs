@@ -25,7 +25,7 @@ fn small(rig: &Rig) -> Scenario {
 fn write(dir: &Path, rig: &Rig, scenario: &Scenario, seed: u64) -> Result<(), wrenchd_sim::SimError> {
     let options = Options { seed, ..Options::default() };
     let notes = Notes { session: Some("monday".into()), repeat_of: None };
-    write_run(dir, rig, &Truth::draw(rig, seed, 0.0), scenario, options, &notes, &mut |_| ())
+    write_run(dir, rig, &Truth::draw(rig, seed, 0.0), scenario, options, &notes, &mut |_| true)
 }
 
 fn frames(run: &Run) -> Vec<Stamped> {
@@ -56,8 +56,11 @@ fn a_run_stands_by_itself_and_says_what_was_simulated() {
         let mut shares = Vec::new();
         let notes = Notes { session: Some("a \"b\"".into()), repeat_of: Some("other".into()) };
         let truth = Truth::draw(&rig, 8, 0.0);
-        write_run(&dir, &rig, &truth, &scenario, Options::default(), &notes, &mut |share| shares.push(share))
-            .unwrap();
+        write_run(&dir, &rig, &truth, &scenario, Options::default(), &notes, &mut |share| {
+            shares.push(share);
+            true
+        })
+        .unwrap();
         assert!(shares.is_sorted() && shares.last() == Some(&1.0));
         // Moved elsewhere it is still whole.
         let moved = folder.path().join("elsewhere");

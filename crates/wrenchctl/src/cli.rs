@@ -2,7 +2,9 @@
 
 use clap::{Parser, Subcommand};
 
-use crate::commands::{calibrate, check, demo, diagnose, dump, record, replay, simulate, stats, validate};
+use crate::commands::{
+    calibrate, check, daemon, demo, diagnose, dump, monitor, plan, record, replay, simulate, stats, validate,
+};
 
 /// End-effector wrench from joint torque sensors: calibrate, check, record, replay, simulate
 #[derive(Parser, Debug)]
@@ -33,6 +35,20 @@ pub enum Command {
     Replay(replay::Args),
     /// Record live interfaces into a run directory
     Record(record::Args),
+    /// The poses and weights to record next, given what is already known
+    Plan(plan::Args),
+    /// Live terminal view of a running daemon: wrench, gauges, health
+    Monitor(monitor::Args),
+    /// Show a running daemon's state; exit status 1 without a valid wrench
+    Status(daemon::StatusArgs),
+    /// Find every gauge's zero again while nothing touches the arm's tip; until untare or the daemon's end
+    Tare(daemon::OrderArgs),
+    /// Take a tare back
+    Untare(daemon::OrderArgs),
+    /// Subtract weight and inertia of a mass at the tip from now on; 0 takes it off
+    Payload(daemon::PayloadArgs),
+    /// Make a running daemon read its configuration and model again
+    Reload(daemon::OrderArgs),
     /// Find each gauge's actual sensing frame from recordings; write the model
     Calibrate(calibrate::Args),
     /// Score the wrench of recordings against their truth

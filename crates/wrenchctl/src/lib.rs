@@ -6,11 +6,13 @@
 
 pub mod cli;
 pub mod commands;
+pub mod control;
 pub mod decoded;
 pub mod error;
 pub mod input;
 pub mod live;
 pub mod output;
+pub mod pages;
 pub mod progress;
 pub mod run_dir;
 

@@ -31,6 +31,27 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     Ok(can::atomic::write(path, bytes)?)
 }
 
+/// Fails where a file to be written is one of those that are read.
+pub fn refuse_to_overwrite<'a>(out: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> Result<(), Error> {
+    let Ok(real) = std::fs::canonicalize(out) else { return Ok(()) };
+    match inputs.into_iter().any(|input| std::fs::canonicalize(input).is_ok_and(|input| input == real)) {
+        true => {
+            Err(Error::usage(format!("{} is one of the inputs; give another file to write", out.display())))
+        }
+        false => Ok(()),
+    }
+}
+
+/// Fails where two results are to go to standard output, each of which would spoil the other.
+pub fn one_at_most_to_stdout<const N: usize>(paths: [Option<&std::path::PathBuf>; N]) -> Result<(), Error> {
+    match paths.into_iter().flatten().filter(|path| path.as_path() == Path::new("-")).count() {
+        0 | 1 => Ok(()),
+        n => Err(Error::usage(format!(
+            "{n} results are to go to standard output; give a file for all but one"
+        ))),
+    }
+}
+
 /// Writes a value as indented JSON; `-` is standard output.
 pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), Error> {
     let mut bytes = serde_json::to_vec_pretty(value).map_err(|error| Error::Output(error.into()))?;

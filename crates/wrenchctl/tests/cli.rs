@@ -171,6 +171,66 @@ fn bad_inputs_are_refused_with_what_to_do() {
 }
 
 #[test]
+fn what_would_count_twice_overwrite_or_mix_is_refused() {
+    let folder = Folder::new();
+    let run = simulate(&folder, "run", &["--motion", "calibration"]);
+    let (run, model) = (run.to_str().unwrap(), folder.path("model.toml"));
+    refused(&["calibrate", run, run, "--out", &model], &["run", "given twice"]);
+    let config = format!("{run}/arm.toml");
+    let before = std::fs::read(&config).unwrap();
+    refused(&["calibrate", run, "--out", &config], &["arm.toml", "one of the inputs"]);
+    assert_eq!(std::fs::read(&config).unwrap(), before);
+    refused(&["calibrate", run, "--out", "-", "--json", "-"], &["2 results", "standard output"]);
+    refused(&["validate", run, "--model", &model, "--csv", "-", "--json", "-"], &["2 results"]);
+    assert!(!Path::new(&model).exists());
+    refused(&["check", "/dev/zero"], &["/dev/zero", "larger than 64 MiB"]);
+}
+
+#[test]
+fn validate_scores_the_baselines_beside_each_score() {
+    let folder = Folder::new();
+    let model = folder.path("model.toml");
+    let run = simulate(&folder, "run", &["--motion", "calibration"]);
+    let run = run.to_str().unwrap();
+    assert_eq!(wrenchctl(&["calibrate", run, "--out", &model]).status.code(), Some(0));
+    let output = wrenchctl(&["validate", run, "--model", &model, "--json", "-"]);
+    let scores: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    for part in ["still", "moving", "all"] {
+        let own = scores[part]["force_rms_all_n"].as_f64().unwrap();
+        for baseline in ["five_parameter", "nominal_axes"] {
+            let beside = scores[part][baseline]["force_rms_all_n"].as_f64().unwrap();
+            assert!(beside > own, "{part} {baseline}: {beside} {own}");
+            assert_eq!(scores[baseline][part]["force_rms_all_n"].as_f64(), Some(beside));
+        }
+    }
+    assert_eq!(scores["still"]["nees"].as_array().unwrap().len(), 6);
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_simulation_leaves_nothing() {
+    let folder = Folder::new();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_wrenchctl"))
+        .args(["simulate", "--config", ARM, "--motion", "calibration", "--rate", "1000"])
+        .args(["--out", &folder.path("run")])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    while folder.names().is_empty() {
+        assert!(child.try_wait().unwrap().is_none(), "it was done before it could be interrupted");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    // The shell's own kill: a bare system has no other.
+    let killed = Command::new("sh").args(["-c", &format!("kill -INT {}", child.id())]).status().unwrap();
+    assert!(killed.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("interrupted; nothing was left behind"));
+    assert_eq!(folder.names(), Vec::<String>::new());
+}
+
+#[test]
 fn bad_arguments_are_refused_by_name() {
     for (args, part) in [
         (vec!["dump", LOG, "--seconds", "0"], "above 0"),
@@ -243,6 +303,59 @@ fn what_cannot_be_simulated_is_refused() {
 }
 
 #[test]
+fn a_plan_is_poses_within_the_limits_and_repeats_with_its_seed() {
+    let plan = |args: &[&str]| {
+        let all = [&["plan", "--config", ARM, "--json", "-"], args].concat();
+        let output = wrenchctl(&all);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
+    };
+    let found = plan(&["--count", "9", "--weights", "0.5@0,0,0.05; 1.25@0.08,0,-0.03"]);
+    assert_eq!(found, plan(&["--count", "9", "--weights", "0.5@0,0,0.05; 1.25@0.08,0,-0.03"]));
+    let poses = found["poses"].as_array().unwrap();
+    assert_eq!((poses.len(), found["joints"].as_array().unwrap().len()), (9, 6));
+    let mut ranks: Vec<u64> = poses.iter().map(|pose| pose["rank"].as_u64().unwrap()).collect();
+    ranks.sort_unstable();
+    assert_eq!(ranks, (1..=9).collect::<Vec<_>>());
+    assert!(poses.iter().all(|pose| pose["joints_rad"].as_array().unwrap().len() == 6));
+    let masses: Vec<Option<f64>> = poses.iter().map(|pose| pose["load"]["mass_kg"].as_f64()).collect();
+    assert!(
+        masses.contains(&Some(1.25)) && masses.iter().flatten().all(|m| [0.5, 1.25].contains(m)),
+        "{masses:?}"
+    );
+    let changes = masses.windows(2).filter(|pair| pair[0] != pair[1]).count();
+    assert!(changes <= 2, "weights are changed as seldom as possible: {masses:?}");
+    let sigma = |part: &str| found[part]["force_sigma_n"].as_f64().unwrap();
+    assert!(sigma("before") > sigma("after") && sigma("after") > sigma("noise_alone"), "{found}");
+    // Weights do not show everything of an upright first joint, and the plan says so.
+    let unseen = found["not_helped"].as_array().unwrap();
+    assert!(
+        unseen.iter().any(|u| u["sensor"] == "s1" && u["remedy"].as_str().unwrap().contains("tilt the base"))
+    );
+    let said = text(&wrenchctl(&["plan", "--config", ARM, "--count", "9"]).stdout);
+    assert!(said.contains("worst deviation in the workspace") && said.contains("after all 9"), "{said}");
+}
+
+#[test]
+fn what_cannot_be_planned_is_refused() {
+    refused(&["plan", "--config", "none.toml"], &["none.toml"]);
+    refused(&["plan", "--config", ARM, "none"], &["none"]);
+    refused(&["plan", "--config", ARM, "--model", "none.toml"], &["none.toml"]);
+    refused(&["plan", "--config", ARM, "--force-sigma-n", "0.0001"], &["noise alone leaves", "ask for more"]);
+    for (args, part) in [
+        (["--weights", "0.5@0,0"], "MASS@X,Y,Z"),
+        (["--weights", "-1@0,0,0"], "MASS@X,Y,Z"),
+        (["--count", "0"], "1..=400"),
+        (["--count", "401"], "1..=400"),
+        (["--force-sigma-n", "nan"], "positive number"),
+    ] {
+        let output = wrenchctl(&[&["plan", "--config", ARM], &args[..]].concat());
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        assert!(text(&output.stderr).contains(part), "{args:?}: {}", text(&output.stderr));
+    }
+}
+
+#[test]
 fn the_demo_agrees_with_the_truth() {
     let output = wrenchctl(&["demo", "--seconds", "12"]);
     let said = text(&output.stdout);
@@ -250,4 +363,18 @@ fn the_demo_agrees_with_the_truth() {
     assert!(said.contains("the published wrench agrees with the truth"), "{said}");
     assert!(said.lines().filter(|line| line.starts_with("t=")).count() >= 8, "a line a second: {said}");
     assert!(!said.contains('\x1b'), "no terminal, no control characters");
+}
+
+#[test]
+fn without_a_daemon_its_commands_say_what_to_check() {
+    let folder = Folder::new();
+    let socket = folder.path("control.sock");
+    for command in
+        [&["status"][..], &["tare"], &["untare"], &["reload"], &["payload", "0.5", "0", "0", "0.05"]]
+    {
+        let args = [command, &["--socket", &socket]].concat();
+        refused(&args, &[&socket, "is wrenchd running"]);
+    }
+    refused(&["payload", "-1", "0", "0", "0", "--socket", &socket], &["-1", "1000 kg"]);
+    refused(&["monitor", "--socket", &socket], &["terminal", "wrenchctl status"]);
 }

@@ -23,15 +23,23 @@
 //! # }
 //! ```
 
+use std::sync::Arc;
+
 use can::frame::Stamped;
 use rig::config::PublishMode;
 use rig::cycle::{Cycle, Estimate};
+use rig::tare::TareRefusal;
 use rig::{ModelFile, Rig, RigError, Status};
 
+use crate::board::Board;
+use crate::command::{Command, Done, Order, Report};
 use crate::published::{Published, Why};
 
 /// In event mode a silent bus is told once as soon as it counts as silent, and then this often, ns.
 pub const SILENCE_PERIOD_NS: i64 = 100_000_000;
+
+/// A tare that has not ended so long after it was ordered is given up: no snapshots come, ns.
+const TARE_LIMIT_NS: i64 = 2_000_000_000;
 
 /// The time, on both clocks at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +54,11 @@ impl Now {
     /// Both clocks at the same time: for simulated time, which never steps.
     pub const fn simulated(time_ns: i64) -> Self {
         Self { realtime_ns: time_ns, monotonic_ns: time_ns }
+    }
+
+    /// The time so many nanoseconds ago.
+    pub const fn earlier(self, by_ns: i64) -> Self {
+        Self { realtime_ns: self.realtime_ns - by_ns, monotonic_ns: self.monotonic_ns - by_ns }
     }
 }
 
@@ -69,6 +82,12 @@ pub struct Engine {
     newest: Option<Newest>,
     /// Event mode: when silence is to be told next, on the monotonic clock, ns.
     silence_due_ns: Option<i64>,
+    board: Arc<Board>,
+    /// The tare that is being taken: the command's number and when it came, on the monotonic clock, ns.
+    taring: Option<(u64, i64)>,
+    /// When the tare that is applied was taken.
+    tared: Option<Now>,
+    report: Option<Report>,
 }
 
 impl Engine {
@@ -81,12 +100,71 @@ impl Engine {
             sequence: 0,
             newest: None,
             silence_due_ns: None,
+            board: Arc::new(Board::new(rig.sections.len())),
+            taring: None,
+            tared: None,
+            report: None,
         })
     }
 
-    /// Counts on from where another engine ended, so that receivers see no jump when one takes over.
+    /// Counts on from where another engine ended, so that receivers see no jump when one takes over, and with its payload
+    /// and its tare (the tare only where the gauges are calibrated as there).
     pub fn continue_from(&mut self, other: &Self) {
         self.sequence = other.sequence;
+        self.cycle.stage_mut().take_over(other.cycle.stage());
+        self.tared = other.tared.filter(|_| self.cycle.stage().tared().is_some());
+        if let Some((number, _)) = other.taring {
+            self.report = Some(Report { number, outcome: Err(TareRefusal::Interrupted) });
+        }
+        self.board.write_orders(self.cycle.stage(), self.tared);
+    }
+
+    /// Gauges, tare and payload, readable from other threads.
+    pub fn board(&self) -> &Arc<Board> {
+        &self.board
+    }
+
+    /// Obeys a command, or begins to; [`Engine::take_report`] has the answer.
+    pub fn command(&mut self, command: Command, now: Now) {
+        let Command { number, order } = command;
+        let stage = self.cycle.stage_mut();
+        match order {
+            Order::Tare => {
+                stage.take_tare_outcome();
+                stage.begin_tare();
+                self.taring = Some((number, now.monotonic_ns));
+                return;
+            }
+            Order::Untare => {
+                stage.untare();
+                self.taring = None;
+                self.tared = None;
+            }
+            Order::Payload(body) => stage.set_payload(&body),
+        }
+        self.report = Some(Report { number, outcome: Ok(Done::Obeyed) });
+        self.board.write_orders(self.cycle.stage(), self.tared);
+    }
+
+    /// The answer to the last command, once.
+    pub fn take_report(&mut self) -> Option<Report> {
+        self.report.take()
+    }
+
+    /// Ends a tare that the cycle has done or refused, or that waits in vain.
+    fn note_tare(&mut self, now: Now) {
+        let Some((number, since_ns)) = self.taring else { return };
+        if now.monotonic_ns - since_ns > TARE_LIMIT_NS {
+            self.cycle.stage_mut().refuse_tare(TareRefusal::Silent);
+        }
+        if let Some(outcome) = self.cycle.stage_mut().take_tare_outcome() {
+            if outcome.is_ok() {
+                self.tared = Some(now);
+                self.board.write_orders(self.cycle.stage(), self.tared);
+            }
+            self.taring = None;
+            self.report = Some(Report { number, outcome: outcome.map(Done::Tared) });
+        }
     }
 
     /// Whether each estimate is published as it completes, or a grid publishes the newest.
@@ -101,8 +179,10 @@ impl Engine {
 
     /// Takes the next frame, in the order received. In event mode each estimate that it completes is published.
     pub fn push(&mut self, frame: &Stamped, now: Now, mut out: impl FnMut(&Published)) {
-        let Self { cycle, mode, stale_after_ns, sequence, newest, silence_due_ns } = self;
+        let Self { cycle, mode, stale_after_ns, sequence, newest, silence_due_ns, .. } = self;
+        let mut valid = None;
         cycle.push(frame, |estimate| {
+            valid = Some(estimate.outcome.is_ok());
             let arrived = Newest {
                 estimate: estimate.clone(),
                 age_ns: (now.realtime_ns - estimate.instant_ns).max(0),
@@ -114,11 +194,16 @@ impl Engine {
             }
             *newest = Some(arrived);
         });
+        if let Some(valid) = valid {
+            self.board.write_gauges(self.cycle.stage(), valid);
+            self.note_tare(now);
+        }
     }
 
     /// Lets time pass. In fixed mode publishes one record: the newest estimate with its age, or invalid where there is
     /// none or it is stale. In event mode publishes only where silence has to be told.
     pub fn tick(&mut self, now: Now, mut out: impl FnMut(&Published)) {
+        self.note_tare(now);
         match self.mode {
             PublishMode::Fixed => {
                 let number = next(&mut self.sequence);
@@ -155,6 +240,7 @@ impl Engine {
 
     fn nothing(&self, sequence: u64, why: Why, now: Now) -> Published {
         let newest = self.newest.as_ref();
+        let tared = if self.tared.is_some() { Status::TARED } else { Status::GOOD };
         Published {
             sequence,
             instant_ns: newest.map_or(0, |newest| newest.estimate.instant_ns),
@@ -162,7 +248,7 @@ impl Engine {
             published_ns: now.realtime_ns,
             age_ns: newest.map_or(0, |newest| age_ns(newest, now)),
             round: newest.map_or(0, |newest| newest.estimate.round),
-            status: Status::INVALID.with(Status::STALE),
+            status: Status::INVALID.with(Status::STALE).with(tared),
             outcome: Err(why),
         }
     }

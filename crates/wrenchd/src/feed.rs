@@ -1,19 +1,14 @@
 //! Published records from the cycle to any number of readers: a ring that its writer never waits for.
 //!
-//! One writer, wait-free; each reader goes at its own pace and is told how many records it missed. A slot is guarded by
-//! a version that is odd while it is written (a sequence lock); its words are atomics, so a torn read is noticed and
-//! thrown away, never undefined.
+//! One writer, wait-free; each reader goes at its own pace and is told how many records it missed.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering, fence};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::published::Published;
+use crate::seqlock::Words;
 
-#[derive(Debug)]
-struct Slot {
-    version: AtomicU64,
-    words: [AtomicU64; Published::WORDS],
-}
+type Slot = Words<{ Published::WORDS }>;
 
 #[derive(Debug)]
 struct Ring {
@@ -45,8 +40,7 @@ pub struct FeedReader {
 
 /// A ring of so many records, at least 2.
 pub fn feed(capacity: usize) -> (FeedWriter, Feed) {
-    let slot = || Slot { version: AtomicU64::new(0), words: [const { AtomicU64::new(0) }; Published::WORDS] };
-    let slots = (0..capacity.max(2)).map(|_| slot()).collect();
+    let slots = (0..capacity.max(2)).map(|_| Slot::default()).collect();
     let ring = Arc::new(Ring { slots, written: AtomicU64::new(0) });
     (FeedWriter { ring: ring.clone(), written: 0 }, Feed { ring })
 }
@@ -55,18 +49,24 @@ impl FeedWriter {
     /// Adds a record in place of the oldest. Bounded work, no allocation, no lock, no system call.
     pub fn write(&mut self, record: &Published) {
         let slot = &self.ring.slots[(self.written % self.ring.slots.len() as u64) as usize];
-        slot.version.store(2 * self.written + 1, Ordering::Relaxed);
-        fence(Ordering::Release);
-        for (place, word) in slot.words.iter().zip(record.to_words()) {
-            place.store(word, Ordering::Relaxed);
-        }
         self.written += 1;
-        slot.version.store(2 * self.written, Ordering::Release);
+        slot.write(self.written, record.to_words());
         self.ring.written.store(self.written, Ordering::Release);
     }
 }
 
 impl Feed {
+    /// The newest record, whoever has read it before; none before the first.
+    pub fn newest(&self) -> Option<Published> {
+        loop {
+            let number = self.ring.written.load(Ordering::Acquire).checked_sub(1)?;
+            // Overwritten while it was read: there is a newer one.
+            if let Some(record) = self.ring.read(number) {
+                return Some(record);
+            }
+        }
+    }
+
     /// A reader of what is published from now on.
     pub fn reader(&self) -> FeedReader {
         FeedReader { next: self.ring.written.load(Ordering::Acquire), ring: self.ring.clone(), missed: 0 }
@@ -109,17 +109,16 @@ impl FeedReader {
     }
 
     fn read(&self, number: u64) -> Option<Published> {
-        let slot = &self.ring.slots[(number % self.ring.slots.len() as u64) as usize];
-        if slot.version.load(Ordering::Acquire) != 2 * (number + 1) {
-            return None;
-        }
-        let mut words = [0; Published::WORDS];
-        for (word, place) in words.iter_mut().zip(&slot.words) {
-            *word = place.load(Ordering::Relaxed);
-        }
-        fence(Ordering::Acquire);
-        let whole = slot.version.load(Ordering::Relaxed) == 2 * (number + 1);
-        whole.then(|| Published::from_words(&words))
+        self.ring.read(number)
+    }
+}
+
+impl Ring {
+    fn read(&self, number: u64) -> Option<Published> {
+        let slot = &self.slots[(number % self.slots.len() as u64) as usize];
+        slot.read()
+            .filter(|(version, _)| *version == number + 1)
+            .map(|(_, words)| Published::from_words(&words))
     }
 }
 
@@ -158,6 +157,7 @@ mod tests {
         writer.write(&record(11));
         assert_eq!((slow.newest().unwrap().sequence, slow.missed()), (11, 6));
         assert_eq!(slow.newest(), None);
+        assert_eq!([feed.newest(), feed.newest()], [Some(record(11)); 2]);
     }
 
     #[test]

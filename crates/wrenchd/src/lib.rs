@@ -26,11 +26,19 @@ extern crate self as wrenchd;
 #[path = "../tests/common/mod.rs"]
 mod common;
 
+pub mod board;
+pub mod command;
+pub mod control;
+#[cfg(target_os = "linux")]
+pub mod desk;
 pub mod engine;
 pub mod feed;
 pub mod grid;
 pub mod health;
+pub mod histogram;
 pub mod merge;
+#[cfg(target_os = "linux")]
+pub mod network;
 pub mod output;
 pub mod published;
 #[cfg(target_os = "linux")]
@@ -39,6 +47,8 @@ pub mod realtime;
 pub mod recorder;
 #[cfg(target_os = "linux")]
 pub mod runner;
+mod seqlock;
 #[cfg(target_os = "linux")]
 pub mod service;
 pub mod station;
+pub mod view;

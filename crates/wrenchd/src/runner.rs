@@ -7,6 +7,7 @@ use std::thread::JoinHandle;
 
 use can::source::{Poll, Source};
 
+use crate::desk::Inbox;
 use crate::engine::Engine;
 use crate::output::Output;
 use crate::realtime::{self, SystemClock};
@@ -39,8 +40,8 @@ pub struct Runner {
 }
 
 impl Runner {
-    /// Starts the thread, and returns once it has asked for its priority; with what it was refused, if anything.
-    pub fn start(station: Station<BoxedSource>) -> std::io::Result<(Self, Option<String>)> {
+    /// Starts the thread, which obeys what comes into `inbox`, and returns once it has asked for its priority; with what it was refused, if anything.
+    pub fn start(station: Station<BoxedSource>, inbox: Inbox) -> std::io::Result<(Self, Option<String>)> {
         let stop = Arc::new(AtomicBool::new(false));
         let (offers, offered) = sync_channel(1);
         let (retire, retired) = sync_channel(1);
@@ -50,7 +51,7 @@ impl Runner {
         let thread = builder.spawn(move || {
             // The receiver waits for exactly this message.
             let _ = tell.send(realtime::first_in_first_out().err());
-            run(station, &stopped, &offered, &retire)
+            run(station, &stopped, &offered, &retire, &inbox)
         })?;
         let refused = told.recv().unwrap_or(None);
         Ok((Self { thread, stop, offers, retired }, refused))
@@ -89,13 +90,21 @@ fn run(
     stop: &AtomicBool,
     offered: &Receiver<Box<Replacement>>,
     retire: &SyncSender<Box<Replacement>>,
+    inbox: &Inbox,
 ) -> can::Result<()> {
     let clock = SystemClock;
     while !stop.load(Ordering::Acquire) {
         if let Ok(replacement) = offered.try_recv() {
             exchange(&mut station, replacement, retire);
         }
-        if station.turn(&clock)? == Poll::End {
+        if let Some(command) = inbox.take() {
+            station.command(command, &clock);
+        }
+        let poll = station.turn(&clock)?;
+        if let Some(report) = station.take_report() {
+            inbox.answer(report);
+        }
+        if poll == Poll::End {
             break;
         }
     }

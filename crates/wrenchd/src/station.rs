@@ -8,6 +8,7 @@ use std::time::Duration;
 use can::source::{Batch, Event, Poll, Source};
 use rig::config::PublishMode;
 
+use crate::command::{Command, Report};
 use crate::engine::{Engine, Now};
 use crate::feed::FeedWriter;
 use crate::grid::Grid;
@@ -50,6 +51,8 @@ pub struct Station<S> {
     engine: Engine,
     sinks: Sinks,
     batch: Batch,
+    /// How far the last full batch ends before the time at which it was read, ns.
+    unread_ns: i64,
     grid: Option<Grid>,
     rate_hz: f64,
 }
@@ -74,6 +77,9 @@ impl Sinks {
         self.feed.write(record);
         self.totals.published += 1;
         self.totals.valid += u64::from(record.is_valid());
+        if record.is_valid() {
+            self.health.age.note(record.age_ns);
+        }
         if record.round > 0 && self.last_round != Some(record.round) {
             self.last_round = Some(record.round);
             self.health.note_latency(record.published_ns - record.last_stamp_ns);
@@ -99,7 +105,7 @@ impl Sinks {
 impl<S: Source> Station<S> {
     /// Ready to turn; `rate_hz` is the grid's in fixed mode.
     pub fn new(source: S, engine: Engine, rate_hz: f64, sinks: Sinks) -> Self {
-        Self { source, engine, sinks, batch: Batch::new(EVENTS_PER_TURN), grid: None, rate_hz }
+        Self { source, engine, sinks, batch: Batch::new(EVENTS_PER_TURN), unread_ns: 0, grid: None, rate_hz }
     }
 
     /// One turn. Fixed mode: waits for the grid's next point, takes in what has come, publishes. Event mode: waits for
@@ -130,6 +136,7 @@ impl<S: Source> Station<S> {
         if woken_ns < due_ns {
             return Ok(Poll::Idle);
         }
+        self.sinks.health.lateness.note(woken_ns - due_ns);
         self.sinks.totals.overruns += grid.advance(woken_ns);
         let poll = self.take_in(Duration::ZERO, clock)?;
         let Self { engine, sinks, .. } = self;
@@ -143,19 +150,20 @@ impl<S: Source> Station<S> {
             Duration::from_nanos(u64::try_from(wait_ns).unwrap_or(0)).min(LONGEST_WAIT)
         });
         let mut poll = self.take_in(wait, clock)?;
-        // Kept from the processor so long that silence would be told: what has come meanwhile speaks first.
-        if self.engine.due_ns().is_some_and(|due_ns| clock.now().monotonic_ns >= due_ns)
-            && poll == Poll::Ready
-        {
+        // Silence is told only as of a time up to which everything was read that had come, however late this thread is.
+        let now = clock.now();
+        if poll == Poll::Ready && self.engine.due_ns().is_some_and(|due_ns| now.monotonic_ns >= due_ns) {
             poll = self.take_in(Duration::ZERO, clock)?;
         }
+        let now = now.earlier(self.unread_ns);
         let Self { engine, sinks, .. } = self;
-        engine.tick(clock.now(), |record| sinks.publish(record));
+        engine.tick(now, |record| sinks.publish(record));
         Ok(poll)
     }
 
     fn take_in(&mut self, wait: Duration, clock: &impl Clock) -> can::Result<Poll> {
         let poll = self.source.poll(&mut self.batch, wait)?;
+        self.unread_ns = 0;
         if poll != Poll::Ready {
             return Ok(poll);
         }
@@ -167,7 +175,21 @@ impl<S: Source> Station<S> {
                 engine.push(stamped, now, |record| sinks.publish(record));
             }
         }
+        if self.batch.room() == 0 {
+            let last_ns = self.batch.events().iter().rev().find_map(|event| Some(event.stamped()?.stamp_ns));
+            self.unread_ns = last_ns.map_or(0, |last_ns| (now.realtime_ns - last_ns).max(0));
+        }
         Ok(poll)
+    }
+
+    /// Obeys a command, or begins to.
+    pub fn command(&mut self, command: Command, clock: &impl Clock) {
+        self.engine.command(command, clock.now());
+    }
+
+    /// The answer to the last command, once.
+    pub fn take_report(&mut self) -> Option<Report> {
+        self.engine.take_report()
     }
 
     /// Publishes the last record.

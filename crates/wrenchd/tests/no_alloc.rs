@@ -9,7 +9,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use common::{TestClock, Timetable, frames, model, rig, truth};
+use rig::Rig;
 use rig::config::PublishMode;
+use rig::model_file::{Arm, ArmDeviation, ArmJoint, EffectShape, ModelFile, SensorTerm};
 use wrenchd::engine::Engine;
 use wrenchd::feed::feed;
 use wrenchd::health::Health;
@@ -63,12 +65,52 @@ fn counted(work: impl FnOnce()) -> u64 {
     COUNTED.load(Ordering::Relaxed) - before
 }
 
+/// The model of an arm that was calibrated too: soft joints, terms of every kind, uncertainty that arm and gauges share.
+fn with_arm_and_terms(mut model: ModelFile, rig: &Rig) -> ModelFile {
+    let effects = [
+        EffectShape::Temperature { lag_s: 55.0, reference_c: 24.0 },
+        EffectShape::Power { order: 2 },
+        EffectShape::Creep { tau_s: 30.0 },
+        EffectShape::Hysteresis { width: 0.06 },
+    ];
+    for sensor in &mut model.sensors {
+        sensor.scale_counts = 500_000.0;
+        let term = |(k, effect): (usize, &EffectShape)| SensorTerm {
+            effect: *effect,
+            coefficient_counts: 50.0,
+            coefficient_sigma_counts: 5.0,
+            start_sigma: 0.1,
+            covariance: (0..8 + k).map(|i| if i == 7 + k { 25.0 } else { 0.0 }).collect(),
+        };
+        sensor.terms = effects.iter().enumerate().map(term).collect();
+    }
+    let joint = |joint: &model::chain::Joint| ArmJoint {
+        name: joint.name.clone(),
+        flexibility_rad_per_nm: if joint.coordinate.is_some() { 1e-4 } else { 0.0 },
+        ..ArmJoint::default()
+    };
+    let deviation = ArmDeviation {
+        gravity_turn_rad: [1e-5, 0.0, 0.0],
+        joints: vec![[1e-6; 12]; rig.chain.joints.len()],
+        gauges: vec![vec![0.0; 11]; model.sensors.len()],
+    };
+    model.arm = Some(Arm {
+        joints: rig.chain.joints.iter().map(joint).collect(),
+        deviations: vec![deviation; 4],
+        ..Arm::default()
+    });
+    model
+}
+
 /// One test: the count is the process's.
 #[test]
 fn the_cycle_takes_and_gives_back_no_memory() {
     assert!(counted(|| drop(std::hint::black_box(vec![1u8; 100]))) >= 2, "the counter counts");
-    for mode in [PublishMode::Fixed, PublishMode::Event] {
+    let trials = [(PublishMode::Fixed, false), (PublishMode::Event, false), (PublishMode::Fixed, true)];
+    for (mode, as_built) in trials {
         let rig = rig(mode);
+        let nominal = model(&rig, &truth(&rig));
+        let model = if as_built { with_arm_and_terms(nominal, &rig) } else { nominal };
         let mut frames = frames(&rig, 1000.0, 1.5);
         // Faults on the way: a lost frame now and then, a duplicate, a frame of nobody's.
         let mut number = 0;
@@ -81,7 +123,7 @@ fn the_cycle_takes_and_gives_back_no_memory() {
         let clock = TestClock::at(sim::START_NS - 30_000_000);
         let (writer, feed) = feed(256);
         let health = Arc::new(Health::default());
-        let engine = Engine::new(&rig, &model(&rig, &truth(&rig))).unwrap();
+        let engine = Engine::new(&rig, &model).unwrap();
         let source = Merge::new(Timetable::new(frames, clock.clone()), 1, 512);
         let (source, mut copies) = can::tap::tap(source, 1 << 15);
         let mut reader = feed.reader();

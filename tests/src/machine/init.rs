@@ -24,6 +24,9 @@ pub(super) const STATUS_FILE: &str = "status";
 /// Beneath the scratch directory: `lib/modules`, as modprobe wants it.
 pub(super) const MODULE_ROOT: &str = "modules-root";
 const PRINTK: &str = "/proc/sys/kernel/printk";
+/// How long real-time threads may run in each second. Time in which the host stops the machine counts as theirs: after a long stop the
+/// kernel would keep the daemon from the processor for about as long, while the sender makes up for what it missed.
+const REAL_TIME_SHARE: &str = "/proc/sys/kernel/sched_rt_runtime_us";
 
 /// Does the first process's work and powers off, when this is the first process of a machine; returns at once when it is not.
 /// To be called first in `main` by every program that is given to [`super::Machine::run`] as its own executable.
@@ -71,6 +74,7 @@ fn boot(scratch: &Path) -> Check<i32> {
     modprobe.arg("-d").arg(&modules).args(["-a", "can", "can-raw", "can-dev", "vcan"]);
     process::run(modprobe.env("PATH", path.unwrap_or_default()), Duration::from_secs(30))?;
 
+    fs::write(REAL_TIME_SHARE, "-1\n").at("write", Path::new(REAL_TIME_SHARE))?;
     // From here on the console belongs to the job: only what kills the kernel may still be printed.
     fs::write(PRINTK, "1\n").at("write", Path::new(PRINTK))?;
     println!("{STARTED}");

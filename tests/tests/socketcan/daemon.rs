@@ -1,8 +1,8 @@
 //! The daemon on a live bus: a recording goes in on vcan0, wrench frames come out on vcan1, and both are judged by programs that are
 //! not the project's own.
 
-use crate::live::{Live, Witness};
-use crate::published::{DEGRADED, INVALID, Published, STALE};
+use crate::live::{Live, Load};
+use crate::published::{DEGRADED, INVALID, Published, STALE, STALE_AFTER_NS};
 use crate::rig::{Arm, Form, Player};
 use std::fmt;
 use std::time::Duration;
@@ -19,8 +19,8 @@ const WARM_UP: usize = 10;
 const HELD_ROUNDS: usize = 480;
 /// Then its motion begins, which a causal filter cannot know before it has gone on for some rounds.
 const MOTION_BEGINS: std::ops::Range<usize> = 500..512;
-/// After a pause of the sender the rounds' clock and the motion filter need half a second in motion.
-const SETTLED: usize = 60;
+/// After a silence of half a second nothing is known of the motion; stamps say it a little differently for each message.
+const SILENCE_NS: i64 = 450_000_000;
 
 pub(crate) const SCENARIOS: &[Scenario] = &[
     Scenario {
@@ -54,10 +54,10 @@ fn fd(guest: &Guest) -> Check {
 fn live_equals_offline(guest: &Guest, form: Form, player: Player) -> Check {
     let arm = Arm::new(guest, form)?;
     let lines = arm.recording()?;
-    let live = Live::run(guest, &arm, player, Witness::Candump, &lines)?;
+    let live = Live::run(guest, &arm, player, Load::Moderate, &lines)?;
     let offline = arm.offline(guest, &live.recording, &arm.model)?;
     let pairs = live.beside_offline(&offline)?;
-    let played = Played::new(&arm, &live.recorded, 8_000_000);
+    let played = Played::new(&arm, &live.recorded);
     played.ensure_good(&pairs)?;
     played.ensure_true(&pairs, &arm.truth()?)
 }
@@ -67,65 +67,80 @@ struct Played {
     first_ns: i64,
     /// The stamp that the instant of each round has.
     instants_ns: Vec<i64>,
-    /// How many rounds before and with each came in their time without a break.
-    steady: Vec<usize>,
+    /// Stamps of each round's first and last frame.
+    spans_ns: Vec<(i64, i64)>,
+    /// Whether instants must be where the boards' cycles have them.
+    exact: bool,
+    /// How many rounds before and with each came without a silence.
+    settled: Vec<usize>,
 }
 
 impl Played {
-    fn new(arm: &Arm, recorded: &[Line], period_ns: i64) -> Self {
-        let stamp_ns = |number: usize| recorded[number].stamp_ns;
+    fn new(arm: &Arm, recorded: &[Line]) -> Self {
         let rounds = arm.rounds(recorded).all;
-        let orderly: Vec<bool> = rounds
-            .iter()
-            .enumerate()
-            .map(|(at, (first, _, last))| {
-                let since_ns = at
-                    .checked_sub(1)
-                    .map_or(period_ns, |before| stamp_ns(*first) - stamp_ns(rounds[before].0));
-                4 * (since_ns - period_ns).abs() < period_ns
-                    && 4 * (stamp_ns(*last) - stamp_ns(*first)) < 3 * period_ns
-            })
-            .collect();
-        let mut steady = 0;
-        let count = |orderly: &bool| {
-            steady = if *orderly { steady + 1 } else { 0 };
-            steady
+        let stamp_ns = |line: &usize| recorded[*line].stamp_ns;
+        let instants_ns: Vec<i64> = rounds.iter().map(|(_, gauge, _)| stamp_ns(gauge)).collect();
+        let mut settled = 0;
+        let count = |at: usize| {
+            let silent = at > 0 && instants_ns[at] - instants_ns[at - 1] > SILENCE_NS;
+            settled = if silent { 1 } else { settled + 1 };
+            settled
         };
         Self {
             first_ns: recorded.first().map_or(0, |line| line.stamp_ns),
-            instants_ns: rounds.iter().map(|(_, gauge, _)| stamp_ns(*gauge)).collect(),
-            steady: orderly.iter().map(count).collect(),
+            settled: (0..instants_ns.len()).map(count).collect(),
+            spans_ns: rounds.iter().map(|(first, _, last)| (stamp_ns(first), stamp_ns(last))).collect(),
+            exact: true,
+            instants_ns,
         }
     }
 
-    /// The round of an instant; none where the sender paused so long within a round that it seemed to be two.
-    fn round(&self, offline: &Published) -> Option<usize> {
-        let near = |instant_ns: &i64| (instant_ns - self.first_ns - offline.time_ns).abs() <= 1000;
-        self.instants_ns.iter().position(near)
+    /// For a sender whom the machine's one processor leaves in the middle of rounds all the time: then nothing tells where the boards'
+    /// cycle begins, and an instant may be that of any frame of a round.
+    fn breathless(self) -> Self {
+        Self { exact: false, ..self }
     }
 
-    /// Each wrench is usable and made of all that there is, after the first ones and wherever the rounds came in their time.
+    /// The round of an instant; none for the first ones, at the beginning and after a silence.
+    fn settled_round(&self, offline: &Published) -> Option<usize> {
+        let at_ns = self.first_ns + offline.time_ns;
+        // The offline wrenches have their time in microseconds.
+        let round = match self.exact {
+            true => self.instants_ns.iter().position(|instant_ns| (instant_ns - at_ns).abs() <= 1000),
+            false => {
+                self.spans_ns.iter().position(|(first, last)| (first - 1000..=last + 1000).contains(&at_ns))
+            }
+        };
+        round.filter(|round| self.settled[*round] > WARM_UP)
+    }
+
+    /// Whether a round, or the way to it, took so long that what came first is rightly called stale.
+    fn is_stalled(&self, round: usize) -> bool {
+        let since_ns = self.spans_ns[round.saturating_sub(1)].1.min(self.spans_ns[round].0);
+        self.spans_ns[round].1 - since_ns > STALE_AFTER_NS
+    }
+
+    /// Each wrench is usable and made of all that there is, however this computer held the sender back.
     fn ensure_good(&self, pairs: &[(&Published, &Published)]) -> Check {
         const TROUBLE: u8 = INVALID | DEGRADED | STALE;
-        let (mut checked, mut wrong) = (0, Vec::new());
-        for (live, offline) in pairs {
-            let Some(round) = self.round(offline).filter(|round| self.steady[*round] >= WARM_UP) else {
-                continue;
-            };
-            checked += 1;
-            if live.status & TROUBLE != 0 {
-                wrong.push((round, live.status));
-            }
-        }
-        let rounds = self.instants_ns.len();
-        println!("  {checked} of {rounds} rounds came in their time");
-        println!("  {} of them have a bad status", wrong.len());
-        // A host that stops this machine now and then costs instants here and there, each of them said; more is a fault of ours.
-        ensure!(
-            50 * wrong.len() <= checked.max(50),
-            "{} of {checked} wrenches have a bad status: {wrong:x?}",
+        let settled =
+            pairs.iter().filter_map(|(live, offline)| Some((self.settled_round(offline)?, live.status)));
+        let settled: Vec<(usize, u8)> = settled.collect();
+        let bad = |(round, status): &&(usize, u8)| {
+            status & TROUBLE != 0 && (self.exact || !self.is_stalled(*round))
+        };
+        let wrong: Vec<_> = settled.iter().filter(bad).collect();
+        let (rounds, count) = (self.instants_ns.len(), settled.len());
+        println!(
+            "  {count} of {rounds} rounds have a wrench beyond the first of a stretch, {} bad",
             wrong.len()
         );
+        let expected = self.settled.iter().filter(|settled| **settled > WARM_UP).count();
+        // Where rounds begin may be found anew once while the rhythm is young.
+        let short = expected.saturating_sub(count);
+        ensure!(short <= 1, "{count} wrenches of {expected} rounds beyond the first of a stretch");
+        ensure!(2 * count > rounds, "only {count} of {rounds} rounds are not the first of a stretch");
+        ensure!(wrong.is_empty(), "{} of {count} wrenches have a bad status: {wrong:x?}", wrong.len());
         Ok(())
     }
 
@@ -133,28 +148,20 @@ impl Played {
     fn ensure_true(&self, pairs: &[(&Published, &Published)], truth: &[[f64; 6]]) -> Check {
         let rounds = self.instants_ns.len();
         ensure!(rounds == truth.len(), "{rounds} rounds, {} rows of truth", truth.len());
-        let (mut held, mut moving, mut disturbed) = (Errors::default(), Errors::default(), Errors::default());
+        let (mut held, mut moving) = (Errors::default(), Errors::default());
         for (live, offline) in pairs.iter().filter(|(live, _)| live.is_valid()) {
-            let Some(round) = self.round(offline).filter(|round| *round >= WARM_UP) else { continue };
-            let errors = if round < HELD_ROUNDS {
-                &mut held
-            } else if self.steady[round] >= SETTLED {
-                &mut moving
-            } else {
-                &mut disturbed
-            };
+            let Some(round) = self.settled_round(offline) else { continue };
+            let errors = if round < HELD_ROUNDS { &mut held } else { &mut moving };
             errors.add(round, live, &truth[round], offline.sigma.unwrap_or([f64::NAN; 6]));
         }
-        println!(
-            "  held: {held}\n  moving: {moving}\n  moving, soon after a pause of the sender: {disturbed}"
-        );
-        held.ensure_reported()?;
+        println!("  held: {held}\n  moving: {moving}");
+        held.ensure_reported(6.0)?;
+        // What changes within a few rounds is known a little late: some instants of a motion lie further out than a Gaussian's.
+        moving.ensure_reported(8.0)?;
         // The recording holds a push of 5 N: a wrench that stays at zero would be wrong, whatever it says of itself.
         let held_n = pairs.iter().take(HELD_ROUNDS).skip(WARM_UP).filter(|(live, _)| live.is_valid());
         let largest_n = held_n.map(|(live, _)| live.force_n()).fold(0.0, f64::max);
         ensure!((4.5..6.0).contains(&largest_n), "a push of 5 N gave at most {largest_n} N");
-        // In motion the figures above are told, not demanded: where this host stops the sender for tens of milliseconds the stamps
-        // lie by more than the motion filter knows. What is published equals the offline wrench all the same.
         Ok(())
     }
 }
@@ -185,8 +192,8 @@ impl Errors {
         self.squares.map(|sum| sum / self.count as f64)
     }
 
-    fn ensure_reported(&self) -> Check {
-        let fits = self.nees().iter().all(|nees| (0.3..1.6).contains(nees)) && self.largest.0 < 6.0;
+    fn ensure_reported(&self, largest: f64) -> Check {
+        let fits = self.nees().iter().all(|nees| (0.3..1.6).contains(nees)) && self.largest.0 < largest;
         ensure!(fits, "errors do not fit the reported standard deviations: {self}");
         Ok(())
     }
@@ -212,10 +219,10 @@ fn minute(guest: &Guest) -> Check {
     let pieces = candump::rounds(&arm.recording()?);
     let held = pieces.get(..200).unwrap_or(&pieces);
     let lines: Vec<Line> = candump::repeated(held, ROUNDS, PERIOD_NS);
-    let live = Live::run(guest, &arm, Player::WrenchctlInRounds, Witness::Kernel, &lines)?;
+    let live = Live::run(guest, &arm, Player::WrenchctlInRounds, Load::Heavy, &lines)?;
     let offline = arm.offline(guest, &live.recording, &arm.model)?;
     let pairs = live.beside_offline(&offline)?;
-    Played::new(&arm, &live.recorded, PERIOD_NS).ensure_good(&pairs)?;
+    Played::new(&arm, &live.recorded).breathless().ensure_good(&pairs)?;
     let span_ns = live.recorded.first().zip(live.recorded.last()).map_or(0, |(a, b)| b.stamp_ns - a.stamp_ns);
     let rate_hz = 1e9 * ROUNDS as f64 / span_ns as f64;
     println!("  {ROUNDS} rounds meant for 1000 Hz came at {rate_hz:.1} Hz");

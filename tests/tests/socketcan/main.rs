@@ -1,6 +1,7 @@
 //! On real SocketCAN, in a machine of its own: see `wrenchd_tests::machine`.
 
 mod bus;
+mod clients;
 mod daemon;
 mod live;
 mod published;
@@ -12,5 +13,11 @@ use std::process::ExitCode;
 use wrenchd_tests::suite;
 
 fn main() -> ExitCode {
-    suite::main(&[bus::SCENARIOS, daemon::SCENARIOS, service::SCENARIOS, tools::SCENARIOS])
+    suite::main(&[
+        bus::SCENARIOS,
+        daemon::SCENARIOS,
+        service::SCENARIOS,
+        clients::SCENARIOS,
+        tools::SCENARIOS,
+    ])
 }

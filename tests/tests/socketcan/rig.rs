@@ -102,6 +102,12 @@ impl Arm {
         Ok(Self { form, config, model: own_model })
     }
 
+    /// Adds tables to the configuration.
+    pub(crate) fn configure(&self, tables: &str) -> Check {
+        let text = fs::read_to_string(&self.config).at("read", &self.config)? + tables;
+        fs::write(&self.config, text).at("write", &self.config)
+    }
+
     /// The committed recording in this arm's form.
     pub(crate) fn recording(&self) -> Check<Vec<Line>> {
         let lines = candump::read(&captures().join("accuracy/can.log.gz"))?;
@@ -166,9 +172,21 @@ impl Arm {
         text.lines().skip(1).map(row).collect()
     }
 
-    /// The daemon with this arm, listening on vcan0; it records what it receives where that is asked for.
+    /// Starts the daemon with this arm and its model; it listens when this returns.
     pub(crate) fn daemon(&self, guest: &Guest, record: Option<&Path>) -> Check<Program> {
-        let mut command = Command::new(&programs()?.wrenchd);
+        self.start(guest, record, Command::new(&programs()?.wrenchd))
+    }
+
+    /// The same without real-time rights, in the kernel's batch class and before all others: it does not interrupt whoever sends, reads what has
+    /// come meanwhile, and where the processor is too slow for all it is the sender who waits.
+    pub(crate) fn daemon_in_batches(&self, guest: &Guest, record: Option<&Path>) -> Check<Program> {
+        let mut command = Command::new("nice");
+        command.args(["-n", "-15", "setpriv", "--bounding-set", "-sys_nice", "--inh-caps", "-sys_nice"]);
+        command.args(["chrt", "--batch", "0"]).arg(&programs()?.wrenchd);
+        self.start(guest, record, command)
+    }
+
+    fn start(&self, guest: &Guest, record: Option<&Path>, mut command: Command) -> Check<Program> {
         command.arg("--config").arg(&self.config).arg("--model").arg(&self.model);
         if let Some(log) = record {
             command.arg("--record").arg(log);

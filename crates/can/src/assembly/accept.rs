@@ -24,7 +24,9 @@ impl Assembler {
             if let Role::Sequence(number) = self.compiled.roles[usize::from(value.slot)] {
                 counted = true;
                 let step = self.sequences[usize::from(number)].observe(value.raw);
-                self.cycles.observe(usize::from(number), step);
+                if self.compiled.counts_cycles[usize::from(number)] {
+                    self.cycles.observe(usize::from(number), step);
+                }
                 match step {
                     Step::Repeated => repeated = true,
                     Step::Behind => behind = true,

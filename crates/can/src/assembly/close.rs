@@ -27,7 +27,7 @@ impl Assembler {
         for stream in &mut self.streams {
             self.counts.missed += u64::from(stream.end_round(self.round));
         }
-        if self.rhythm.fresh || self.round.is_multiple_of(16) {
+        if self.rhythm.looks(self.round) {
             self.realign();
         }
     }

@@ -66,13 +66,19 @@ impl Cycles {
     pub(super) fn place(&self) -> Option<Place> {
         let hit = self.counters.iter().find(|counter| counter.hit)?;
         let cycle = hit.cycle? + hit.step?;
-        let open = self.counters.iter().filter(|counter| counter.arrived).find_map(|counter| counter.cycle);
         let ended = self.ended.unwrap_or(i64::MIN);
-        Some(match open.or(self.ended.map(|ended| ended + 1)) {
+        Some(match self.open() {
             _ if cycle <= ended => Place::Ended(ended - cycle),
             Some(open) if cycle > open => Place::Later,
             _ => Place::Open,
         })
+    }
+
+    /// Cycle of the open round, or of the next: by the counters in it, or as the one after the last
+    fn open(&self) -> Option<i64> {
+        let counted =
+            self.counters.iter().filter(|counter| counter.arrived).find_map(|counter| counter.cycle);
+        counted.or(self.ended.map(|ended| ended + 1))
     }
 
     /// Whether there are counters that count
@@ -87,9 +93,14 @@ impl Cycles {
 
     /// The frame at hand takes its place: in the open round, or not
     pub(super) fn settle(&mut self, open: bool) {
+        let here = self.open();
         for counter in self.counters.iter_mut().filter(|counter| counter.hit) {
-            counter.cycle = counter.cycle.zip(counter.step).map(|(cycle, step)| cycle + step);
             counter.hit = false;
+            counter.cycle = counter.cycle.zip(counter.step).map(|(cycle, step)| cycle + step);
+            if open && counter.cycle.is_some() && counter.cycle <= self.ended {
+                // It counts more slowly than the others, as a message sent in every other cycle does.
+                counter.cycle = here;
+            }
             counter.arrived |= open;
             counter.behind = if open { 0 } else { counter.behind + 1 };
             if counter.behind >= MAX_IN_A_ROW {

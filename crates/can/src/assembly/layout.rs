@@ -110,6 +110,8 @@ pub(super) struct Compiled {
     pub(super) stream_messages: Vec<usize>,
     /// Bits of each counter
     pub(super) sequence_bits: Vec<u8>,
+    /// Whether each counter goes on by one a cycle: not one that counts the frames of several pages
+    pub(super) counts_cycles: Vec<bool>,
 }
 
 struct Compiler<'a> {
@@ -135,7 +137,17 @@ impl Layout {
             .map(|key| table.find(key.interface, key.id).expect("every stream has a binding in the table"))
             .collect();
         let sequence_bits = compiler.sequences.iter().map(|binding| binding.spec.bits).collect();
-        Ok(Compiled { table, roles: compiler.roles, gauges, joints, stream_messages, sequence_bits })
+        let counts_cycles =
+            compiler.sequences.iter().map(|binding| compiler.counts_cycles(binding)).collect();
+        Ok(Compiled {
+            table,
+            roles: compiler.roles,
+            gauges,
+            joints,
+            stream_messages,
+            sequence_bits,
+            counts_cycles,
+        })
     }
 }
 
@@ -206,6 +218,11 @@ impl<'a> Compiler<'a> {
             self.sequence(sequence)?;
         }
         Ok(GaugeSlots { counts, stream, saturated, temperature, delay_ns: gauge.delay_ns })
+    }
+
+    fn counts_cycles(&self, counter: &SignalBinding) -> bool {
+        let own = |key: &&StreamKey| key.interface == counter.interface && key.id == counter.spec.message_id;
+        !counter.spec.mux.is_empty() || self.streams.iter().filter(own).count() <= 1
     }
 
     fn sequence(&mut self, sequence: &'a SignalBinding) -> Result<()> {

@@ -8,6 +8,7 @@ mod accept;
 mod close;
 mod cycles;
 mod layout;
+mod order;
 mod rounds;
 mod snapshot;
 #[cfg(test)]
@@ -99,18 +100,19 @@ impl Assembler {
     /// Compiles a layout
     pub fn new(layout: &Layout) -> Result<Self> {
         let compiled = layout.compile()?;
+        let streams = compiled.stream_messages.len();
         let empty = Snapshot::empty(layout.gauges.len(), layout.joints.len());
         Ok(Self {
             stale_after_ns: layout.stale_after_ns,
             temperature_stale_after_ns: layout.temperature_stale_after_ns,
             sequences: compiled.sequence_bits.iter().map(|&bits| Sequence::new(bits)).collect(),
             cycles: Cycles::new(compiled.sequence_bits.len()),
-            streams: vec![Stream::new(); compiled.stream_messages.len()],
+            streams: vec![Stream::new(); streams],
             previous: vec![Previous { stamp_ns: None, data: [0; MAX_LEN] }; compiled.table.messages().len()],
             held: vec![Held::default(); compiled.roles.len()],
             pending: Vec::with_capacity(compiled.table.max_values_per_frame()),
             compiled,
-            rhythm: Rhythm::default(),
+            rhythm: Rhythm::new(streams),
             round: 0,
             open: false,
             discard: false,
@@ -188,6 +190,7 @@ impl Assembler {
             self.commit(stamp_ns);
             return;
         };
+        self.rhythm.observe_pause(&mut self.streams[first], self.round, stamp_ns);
         let round = if self.open && !again { self.round } else { self.round + 1 };
         self.rhythm.observe_interval(&self.streams[first], round, stamp_ns);
         if !self.open && self.rhythm.fresh {
@@ -212,11 +215,11 @@ impl Assembler {
             self.last_stamp_ns = stamp_ns;
             self.rhythm.open(&self.streams[first], stamp_ns);
         }
-        for stream in self.streams.iter_mut().filter(|stream| stream.hit) {
-            stream.hit = false;
-            stream.arrived = true;
-            stream.arrive(self.round, stamp_ns);
-            self.rhythm.join(stream, stamp_ns);
+        for number in 0..self.streams.len() {
+            if std::mem::take(&mut self.streams[number].hit) {
+                self.streams[number].arrive(self.round, stamp_ns);
+                self.rhythm.join(number, &mut self.streams, stamp_ns);
+            }
         }
         self.last_stamp_ns = self.last_stamp_ns.max(stamp_ns);
         self.cycles.settle(true);
@@ -229,7 +232,7 @@ impl Assembler {
 
     /// Lets rounds begin elsewhere in the boards' cycle if they must: then counters were compared across cycles
     fn realign(&mut self) {
-        if self.rhythm.realign(&mut self.streams) {
+        if self.rhythm.realign(&mut self.streams, self.round) {
             self.discard = true;
             self.cycles.forget();
         }
@@ -238,13 +241,13 @@ impl Assembler {
     /// Whether the frame at hand comes after its round has ended, by its counter or else by its place in the boards' rhythm; and if so,
     /// whether that round is the last
     fn belongs_to_an_ended_round(&self, first: usize, stamp_ns: i64) -> Option<bool> {
+        let stream = &self.streams[first];
+        let by_rhythm = || Some(-self.rhythm.cycles_ahead(stream, stamp_ns)? - i64::from(self.open));
         let before_last = match self.cycles.place() {
-            Some(Place::Ended(before_last)) => before_last,
+            // A counter may lag because its message does not come in every cycle.
+            Some(Place::Ended(before_last)) if stream.in_every_round() || by_rhythm()? >= 0 => before_last,
             Some(_) => return None,
-            None => {
-                let ahead = self.rhythm.cycles_ahead(&self.streams[first], stamp_ns)?;
-                -ahead - i64::from(self.open)
-            }
+            None => by_rhythm()?,
         };
         (before_last >= 0).then_some(before_last == 0)
     }
@@ -257,10 +260,10 @@ impl Assembler {
             Some(Place::Later) => self.cycles.any_here() || self.rhythm.long_since(stamp_ns),
             Some(_) => false,
             // The next counter will tell whether the boards or the sender paused.
-            None if self.cycles.count() => self.rhythm.begins_anew(stream, &self.streams, stamp_ns),
+            None if self.cycles.count() => self.rhythm.begins_anew(first, &self.streams, stamp_ns),
             None => {
                 let ahead = self.rhythm.cycles_ahead(stream, stamp_ns).is_some_and(|ahead| ahead > 0);
-                ahead && !self.rhythm.paused(stream, &self.streams, stamp_ns)
+                ahead && !self.rhythm.paused(first, &self.streams, stamp_ns)
             }
         }
     }

@@ -1,6 +1,7 @@
 //! When a round ends: which messages are due, and to which cycle of the boards a frame belongs
 
 use super::Absence;
+use super::order::Order;
 
 /// Most rounds between two frames of a message that are still waited for
 const MAX_USUAL: u64 = 16;
@@ -13,7 +14,9 @@ const MAX_IN_A_ROW: u8 = 3;
 const MAX_UNTYPICAL_NS: i64 = 1_000_000_000;
 
 /// After so many looks in a row at which rounds seemed to begin in the wrong place they begin elsewhere
-const MAX_UNFIT: u8 = 6;
+const MAX_UNFIT: u8 = 3;
+/// So many rounds at the beginning are looked at more often, and once is enough
+const EARLY_ROUNDS: u64 = 32;
 
 /// Arrivals of one message (of one multiplexer page of it)
 #[derive(Clone, Debug)]
@@ -37,6 +40,8 @@ pub(super) struct Stream {
     stamp_ns: Option<i64>,
     /// Usual stamp minus its round's origin
     phase_ns: Option<i64>,
+    /// Usual pause of the bus before it, logarithm of ns
+    pause_ln: Option<f64>,
     /// Arrivals in a row that by the phase were for a round that had ended
     behind: u8,
 }
@@ -56,6 +61,7 @@ impl Stream {
             hit: false,
             stamp_ns: None,
             phase_ns: None,
+            pause_ln: None,
             behind: 0,
         }
     }
@@ -69,6 +75,11 @@ impl Stream {
     /// Whether its last reading is not older than its usual gap
     pub(super) fn holds(&self, round: u64) -> bool {
         self.last_round.is_some_and(|last| round.saturating_sub(last) < self.usual)
+    }
+
+    /// Whether it has come in every round for some time
+    pub(super) fn in_every_round(&self) -> bool {
+        self.gaps.iter().all(|gap| *gap == 1)
     }
 
     /// Its frame came again without news; a duplicate of this round's is none of its business
@@ -146,6 +157,8 @@ pub(super) struct Rhythm {
     untypical_since_ns: Option<i64>,
     /// Whether the open round began about a period after the last
     in_time: bool,
+    /// Latest stamp of any message that is waited for
+    last_any_ns: Option<i64>,
     /// Start of the round that is open, else of the last one
     origin_ns: Option<i64>,
     /// A period became known and the phases were not looked at since
@@ -160,12 +173,18 @@ pub(super) struct Rhythm {
     unfit: u8,
     /// Rounds in a row that only the rhythm ended
     cuts: u8,
+    order: Order,
 }
 
 impl Rhythm {
+    pub(super) fn new(messages: usize) -> Self {
+        Self { order: Order::new(messages), ..Self::default() }
+    }
+
     /// Forgets where in the cycle we are, keeps what was learned
     pub(super) fn lose_origin(&mut self) {
         self.origin_ns = None;
+        self.last_any_ns = None;
     }
 
     /// A quarter of the period, or 1 ms while it is unknown: identical frames closer than this are duplicates
@@ -213,15 +232,14 @@ impl Rhythm {
 
     /// Whether a frame that came late for the open round belongs to it all the same: it follows those that have come, and is not in
     /// its place in a later cycle either. So the sender paused; frames that are lost leave the others in their places.
-    pub(super) fn paused(&self, stream: &Stream, streams: &[Stream], stamp_ns: i64) -> bool {
-        let (Some(period), Some(phase), Some(origin)) = (self.period_ns, stream.phase_ns, self.origin_ns)
+    pub(super) fn paused(&self, number: usize, streams: &[Stream], stamp_ns: i64) -> bool {
+        let (Some(period), Some(phase), Some(origin)) =
+            (self.period_ns, streams[number].phase_ns, self.origin_ns)
         else {
             return false;
         };
-        let follows = streams
-            .iter()
-            .filter(|other| other.arrived)
-            .all(|other| other.phase_ns.is_some_and(|other| other < phase));
+        let mut arrived = (0..streams.len()).filter(|other| streams[*other].arrived);
+        let follows = arrived.all(|other| self.order.last(other, number));
         let cycles = (stamp_ns - phase - origin) as f64 / period;
         follows && (cycles - cycles.round()).abs() > 0.125
     }
@@ -233,12 +251,11 @@ impl Rhythm {
 
     /// Whether a frame that usually comes before one of the open round's begins the next: it comes long after them, or in a burst, in
     /// which only the order tells
-    pub(super) fn begins_anew(&self, stream: &Stream, streams: &[Stream], stamp_ns: i64) -> bool {
-        let before =
-            |other: &Stream| stream.phase_ns.zip(other.phase_ns).is_some_and(|(own, other)| own < other);
+    pub(super) fn begins_anew(&self, number: usize, streams: &[Stream], stamp_ns: i64) -> bool {
+        let mut arrived = (0..streams.len()).filter(|other| streams[*other].arrived);
         self.period_ns.is_some()
             && (self.long_since(stamp_ns) || self.resumed_ns.is_some() || !self.in_time)
-            && streams.iter().any(|other| other.arrived && before(other))
+            && arrived.any(|other| self.order.usual(number, other))
     }
 
     /// The counters say that a cycle is missing: so what came before the open round's pause was of that cycle, and the rest of it
@@ -259,6 +276,7 @@ impl Rhythm {
         if self.cuts > MAX_IN_A_ROW {
             self.cuts = 0;
             self.origin_ns = None;
+            self.order.forget();
             streams.iter_mut().for_each(|stream| stream.phase_ns = None);
         }
     }
@@ -278,7 +296,10 @@ impl Rhythm {
     }
 
     /// A frame takes its place in the open round
-    pub(super) fn join(&mut self, stream: &mut Stream, stamp_ns: i64) {
+    pub(super) fn join(&mut self, number: usize, streams: &mut [Stream], stamp_ns: i64) {
+        self.order.observe(number, streams);
+        let stream = &mut streams[number];
+        stream.arrived = true;
         self.frames += 1;
         if self.period_ns.is_some() && self.long_since(stamp_ns) {
             self.resumed_ns = Some(stamp_ns);
@@ -307,34 +328,53 @@ impl Rhythm {
         self.period_ns.is_none() && self.frames >= 3 && 5 * self.largest_gap_ns > 3 * span
     }
 
-    /// Lets rounds begin after the longest pause of the cycle; true if they did not before
-    pub(super) fn realign(&mut self, streams: &mut [Stream]) -> bool {
-        let first = std::mem::take(&mut self.fresh);
-        let Some(period) = self.period_if_steady() else { return false };
-        let period = (period as i64).max(1);
-        let pause_after = |phase: i64| {
-            let others = streams.iter().filter_map(|s| s.phase_ns).filter(|&other| other != phase);
-            others.map(|other| (other - phase).rem_euclid(period)).min().unwrap_or(period)
-        };
-        let phases = || streams.iter().filter_map(|s| s.phase_ns);
-        let Some(last) = phases().max() else { return false };
-        let Some(before) = phases().max_by_key(|&phase| pause_after(phase)) else { return false };
-        // A cycle that is full of frames has no pause: then it may begin anywhere, as long as it stays there.
-        if 4 * pause_after(before) < period || 2 * pause_after(before) <= 3 * pause_after(last) {
-            self.unfit = 0;
-            return false;
+    /// Whether it is time to look where rounds begin
+    pub(super) fn looks(&self, round: u64) -> bool {
+        self.fresh || round.is_multiple_of(if round <= EARLY_ROUNDS { 4 } else { 16 })
+    }
+
+    /// Learns how long the bus usually pauses before a message, whatever rounds are made of it: a median in steps, which neither
+    /// a host that stops nor the burst after it moves far
+    pub(super) fn observe_pause(&mut self, stream: &mut Stream, round: u64, stamp_ns: i64) {
+        /// Of the logarithm: quick at first, then slowly.
+        const STEPS: (f64, f64) = (0.25, 0.05);
+        if let Some(last_ns) = self.last_any_ns {
+            let pause = (((stamp_ns - last_ns) as f64).max(1e3)).ln();
+            stream.pause_ln = Some(match stream.pause_ln {
+                Some(usual) => {
+                    let step = if round <= EARLY_ROUNDS { STEPS.0 } else { STEPS.1 };
+                    usual + (pause - usual).clamp(-step, step)
+                }
+                None => pause,
+            });
         }
+        self.last_any_ns = Some(self.last_any_ns.map_or(stamp_ns, |last| last.max(stamp_ns)));
+    }
+
+    /// Lets rounds begin with the message before which the bus pauses longest; true if they did not before
+    pub(super) fn realign(&mut self, streams: &mut [Stream], round: u64) -> bool {
+        let fresh = std::mem::take(&mut self.fresh);
+        let Some(period) = self.period_ns else { return false };
+        let pauses = |number: usize| streams[number].pause_ln.unwrap_or(f64::NEG_INFINITY);
+        let numbers = || 0..streams.len();
+        let Some(longest) = numbers().max_by(|&a, &b| pauses(a).total_cmp(&pauses(b))) else { return false };
+        let known = numbers().filter(|&number| streams[number].phase_ns.is_some());
+        let Some(first) = known.min_by_key(|&number| streams[number].phase_ns) else { return false };
+        // A cycle that is full of frames has no pause: then it may begin anywhere, as long as it stays there.
+        let fits = longest == first
+            || pauses(longest) < (period / 4.0).ln()
+            || pauses(longest) < pauses(first) + 3f64.ln();
+        self.unfit = if fits { 0 } else { self.unfit + 1 };
         // At the beginning at once; later the sender's pauses may make it seem so for a while.
-        self.unfit += 1;
-        if !first && self.unfit < MAX_UNFIT {
+        if fits || !fresh && round > EARLY_ROUNDS && self.unfit < MAX_UNFIT {
             return false;
         }
         self.unfit = 0;
-        let start = before + pause_after(before);
-        for phase in streams.iter_mut().filter_map(|s| s.phase_ns.as_mut()) {
-            *phase = (*phase - start).rem_euclid(period);
+        self.origin_ns = None;
+        self.order.forget();
+        for (number, stream) in streams.iter_mut().enumerate() {
+            stream.phase_ns = (number == longest).then_some(0);
         }
-        self.origin_ns = self.origin_ns.map(|origin| origin + start);
         true
     }
 }

@@ -38,9 +38,9 @@ pub struct SocketOptions {
 }
 
 impl Default for SocketOptions {
-    /// Everything, with room for some 10,000 frames
+    /// Everything, with room for some 40,000 frames: seconds of a busy bus
     fn default() -> Self {
-        Self { filters: None, fd: true, error_frames: true, receive_buffer: 8 * 1024 * 1024 }
+        Self { filters: None, fd: true, error_frames: true, receive_buffer: 32 * 1024 * 1024 }
     }
 }
 

@@ -272,3 +272,31 @@ fn lists_of_another_length_are_taken_as_far_as_they_go() {
     assert!(dynamics.load(0).iter().all(|value| value.is_finite()));
     assert_eq!((dynamics.coordinates(), dynamics.sections()), (7, 8));
 }
+
+#[test]
+fn a_payload_is_as_good_as_a_tool_and_leaves_no_trace() {
+    let (chain, sections) = arm_b();
+    let (com_m, inertia) = (Vector3::new(0.02, -0.01, 0.07), Matrix3::from_diagonal_element(0.003));
+    let tooled = chain.clone().with_tool(0.8, com_m, inertia);
+    let [mut with, mut bare, mut loaded] =
+        [&tooled, &chain, &chain].map(|chain| Dynamics::new(chain, &sections));
+    let (q, qd, qdd) = ([0.3; 7], [1.1, -0.4, 0.2, 0.9, -1.0, 0.5, 2.0], [3.0; 7]);
+    let differ = |a: &Dynamics, b: &Dynamics| {
+        let load = (0..8).map(|k| (a.load(k) - b.load(k)).amax()).fold(0.0, f64::max);
+        let change = (0..8).map(|k| (a.by_position(k, 2) - b.by_position(k, 2)).amax()).fold(0.0, f64::max);
+        (load, change)
+    };
+    loaded.set_payload(&RigidBody::from_com(5.0, Vector3::x(), inertia));
+    loaded.set_payload(&RigidBody::from_com(0.8, com_m, inertia));
+    for dynamics in [&mut with, &mut bare, &mut loaded] {
+        dynamics.update(&q, &qd, &qdd);
+        dynamics.differentiate();
+    }
+    let (load, change) = differ(&with, &loaded);
+    assert!(load < 1e-12 && change < 1e-12, "{load} {change}");
+    assert!(differ(&bare, &loaded).0 > 1.0);
+    loaded.set_payload(&RigidBody::zero());
+    loaded.update(&q, &qd, &qdd);
+    loaded.differentiate();
+    assert_eq!(differ(&bare, &loaded), (0.0, 0.0));
+}

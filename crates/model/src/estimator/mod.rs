@@ -7,21 +7,36 @@
 //! `L_i` is the load of the arm itself (weight and inertia of everything outboard, tool included), so `W` is what is
 //! left: the environment's wrench about the tip frame's origin E, in E. `W` follows by generalised least squares with
 //! the full covariance of `e`: each gauge's noise, each gauge's calibration (in proportion to the load it carries), and
-//! joint motion that all gauges share. The parity residual is what six unknowns cannot explain of more than six gauges.
+//! joint motion that all gauges share, and the directions in which a calibration left arm and gauges uncertain together.
+//! Joints that yield are followed by a fixed point of two steps: under the arm's own weight first, then under the wrench as well.
+//! The parity residual is what six unknowns cannot explain of more than six gauges.
 
+mod arm;
 mod gls;
+mod zero;
 
+pub use arm::{ArmModel, Deviation};
 pub use gls::{Fit, Gls, NoFit, singular_values};
+pub use zero::Zero;
 
 use crate::chain::{Chain, Section};
 use crate::dynamics::Dynamics;
 use crate::motion::JointMotion;
 use crate::sensing::CHARACTERISTIC_LENGTH_M;
-use crate::spatial::{Tip, Wrench};
-use nalgebra::{Matrix3, Matrix6, SMatrix, Vector6};
+use crate::spatial::{RigidBody, Tip, Wrench};
+use crate::terms::{GaugeTerms, MOST_TERMS, Regressors};
+use arm::Arm;
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector6};
 
-/// Covariance of a gauge's compliance vector and bias: counts/N, counts/Nm, counts, in that order.
-pub type GaugeCovariance = SMatrix<f64, 7, 7>;
+/// Numbers of one gauge: six sensitivities, bias, terms.
+pub const GAUGE_NUMBERS: usize = 7 + MOST_TERMS;
+
+/// What a gauge's numbers are multiplied by to give its reading: load (N, Nm; S), one, the terms' regressors.
+pub type Excitation = SVector<f64, GAUGE_NUMBERS>;
+
+/// Covariance of a gauge's compliance vector, bias and terms: counts/N, counts/Nm, counts, counts a unit of each term's
+/// regressor, in that order; zero where there is no term.
+pub type GaugeCovariance = SMatrix<f64, GAUGE_NUMBERS, GAUGE_NUMBERS>;
 
 /// Scale of the wrench for which a gauge with an undetermined direction is weighed before anything is known, N.
 const EXPECTED_FORCE_N: f64 = 10.0;
@@ -36,12 +51,33 @@ pub struct GaugeModel {
     pub compliance: Vector6<f64>,
     /// Reading without load, counts.
     pub bias_counts: f64,
-    /// Covariance of compliance and bias, the assumed width of unseen directions included.
+    /// Covariance of compliance, bias and terms, the assumed width of unseen directions included; without what the arm's
+    /// deviations already say.
     pub covariance: GaugeCovariance,
     /// The part of the compliance's covariance that is assumed, not measured; `None` where everything was seen.
     pub assumed: Option<Matrix6<f64>>,
     /// Variance of one reading, counts^2.
     pub noise_counts2: f64,
+    /// What it adds to its readings beside the load's share.
+    pub terms: GaugeTerms,
+}
+
+/// One gauge's reading at an instant, with the terms that go with it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GaugeReading {
+    /// The reading, counts.
+    pub counts: f64,
+    /// Its terms' regressors.
+    pub regressors: Regressors,
+    /// Variance that an unknown past gives to the terms, counts^2.
+    pub unsettled_counts2: f64,
+}
+
+impl From<f64> for GaugeReading {
+    /// A reading (counts) of a gauge without terms.
+    fn from(counts: f64) -> Self {
+        Self { counts, regressors: [0.0; MOST_TERMS], unsettled_counts2: 0.0 }
+    }
 }
 
 /// Wrench of the environment on the end-effector at one instant.
@@ -76,8 +112,13 @@ pub enum NoWrench {
 pub struct WrenchEstimator {
     dynamics: Dynamics,
     gauges: Vec<GaugeModel>,
+    /// Zeros found since the calibration, one a gauge.
+    zeros: Vec<Zero>,
+    arm: Arm,
     gls: Gls,
     motion: [Vec<f64>; 3],
+    /// The encoders' positions, before joints yield, rad.
+    encoders_rad: Vec<f64>,
     /// Gauges that have a reading at this instant.
     present: Vec<Row>,
     /// Effect of one shared error on each row, counts.
@@ -90,21 +131,30 @@ struct Row {
     gauge: usize,
     /// Counts per N and per Nm of a tip wrench in E.
     tip: Vector6<f64>,
-    /// Reading less bias and the arm's own load, counts.
+    /// Reading less bias, terms and the arm's own load, counts.
     value: f64,
+    reading: GaugeReading,
 }
 
 impl WrenchEstimator {
     /// For an arm (with its tool) and its calibrated gauges; `sections[i]` is where `gauges[i]` sits.
     pub fn new(chain: &Chain, sections: &[Section], gauges: Vec<GaugeModel>) -> Self {
+        Self::with_arm(chain, sections, gauges, ArmModel::default())
+    }
+
+    /// The same for a calibrated arm: `chain` is the corrected one.
+    pub fn with_arm(chain: &Chain, sections: &[Section], gauges: Vec<GaugeModel>, arm: ArmModel) -> Self {
         let dynamics = Dynamics::new(chain, sections);
         let (n, coordinates) = (gauges.len(), dynamics.coordinates());
         Self {
             dynamics,
+            arm: Arm::new(chain, sections, arm),
             gls: Gls::new(n),
             motion: std::array::from_fn(|_| vec![0.0; coordinates]),
+            encoders_rad: vec![0.0; coordinates],
             present: Vec::with_capacity(n),
             shared: Vec::with_capacity(n),
+            zeros: vec![Zero::CALIBRATED; n],
             gauges,
         }
     }
@@ -114,26 +164,66 @@ impl WrenchEstimator {
         &self.dynamics
     }
 
+    /// The gauges, as calibrated.
+    pub fn gauges(&self) -> &[GaugeModel] {
+        &self.gauges
+    }
+
+    /// Each gauge's zero.
+    pub fn zeros(&self) -> &[Zero] {
+        &self.zeros
+    }
+
+    /// Replaces the zero of a gauge.
+    pub fn set_zero(&mut self, gauge: usize, zero: Zero) {
+        self.zeros[gauge] = zero;
+    }
+
+    /// Makes a body at the tip (tip frame) part of the arm from the next estimate on; without mass: takes it off.
+    pub fn set_payload(&mut self, body: &RigidBody) {
+        self.dynamics.set_payload(body);
+        self.arm.set_payload(body);
+    }
+
+    /// What a reading holds beside the calibrated bias, its terms and the arm's own load in the state of the last estimate:
+    /// without a wrench on the tip, the gauge's error of zero, counts.
+    pub fn unexplained_counts(&self, gauge: usize, reading: &GaugeReading) -> f64 {
+        let model = &self.gauges[gauge];
+        let own = model.bias_counts + model.terms.counts(&reading.regressors);
+        reading.counts - own - model.compliance.dot(&self.dynamics.load(gauge))
+    }
+
     /// Whitened parity residual of each gauge used by the last estimate: (gauge, residual in sigmas).
     pub fn residuals(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.present.iter().map(|row| row.gauge).zip(self.gls.whitened_residuals().iter().copied())
     }
 
-    /// The wrench at one instant from each joint's motion and each gauge's reading (counts; `None`: absent).
+    /// The wrench at one instant from each joint's motion and each gauge's reading (`None`: absent).
     ///
     /// Two passes: the first weighs the gauges as if little were known of the wrench, the second with the uncertainty
-    /// that the wrench found in the first gives to every gauge's calibration.
-    pub fn estimate(&mut self, motion: &[JointMotion], counts: &[Option<f64>]) -> Result<Solution, NoWrench> {
+    /// that the wrench found in the first gives to every gauge's calibration, with joints that yield under it, and with what
+    /// arm and gauges are uncertain of together. A stiff arm without such directions costs no pass over its links more.
+    pub fn estimate(
+        &mut self,
+        motion: &[JointMotion],
+        readings: &[Option<GaugeReading>],
+    ) -> Result<Solution, NoWrench> {
         for (k, joint) in motion.iter().enumerate() {
+            self.encoders_rad[k] = joint.position_rad;
             self.motion[0][k] = joint.position_rad;
             self.motion[1][k] = joint.velocity_rad_s;
             self.motion[2][k] = joint.acceleration_rad_s2;
         }
-        let [q, qd, qdd] = &self.motion;
-        self.dynamics.update(q, qd, qdd);
+        self.move_arm();
+        self.yield_under(&Wrench::zero());
         self.dynamics.differentiate();
-        self.collect(counts);
+        self.collect(readings);
         let first = self.solve(motion, None)?;
+        let wrench = Wrench::from_vector(&first.x);
+        if self.yield_under(&wrench) {
+            self.collect(readings);
+        }
+        self.arm.place(&self.motion[0], &wrench);
         let second = self.solve(motion, Some(&first))?;
         Ok(Solution {
             wrench: Wrench::from_vector(&second.x),
@@ -144,14 +234,33 @@ impl WrenchEstimator {
         })
     }
 
-    fn collect(&mut self, counts: &[Option<f64>]) {
+    fn move_arm(&mut self) {
+        let [q, qd, qdd] = &self.motion;
+        self.dynamics.update(q, qd, qdd);
+    }
+
+    /// Lets the joints yield under the arm's own load and a tip wrench, as the state of the last update has them;
+    /// whether any joint yields.
+    fn yield_under(&mut self, wrench: &Wrench<Tip>) -> bool {
+        if !self.arm.yields() {
+            return false;
+        }
+        for (k, flexibility) in self.arm.flexibility_rad_per_nm.iter().enumerate() {
+            self.motion[0][k] = self.encoders_rad[k] + flexibility * self.dynamics.joint_torque_nm(k, wrench);
+        }
+        self.move_arm();
+        true
+    }
+
+    fn collect(&mut self, readings: &[Option<GaugeReading>]) {
         self.present.clear();
-        for (i, (gauge, counts)) in self.gauges.iter().zip(counts).enumerate() {
-            let Some(counts) = counts else { continue };
+        for (i, (gauge, reading)) in self.gauges.iter().zip(readings).enumerate() {
+            let Some(reading) = *reading else { continue };
             self.present.push(Row {
                 gauge: i,
                 tip: self.dynamics.row_to_tip(i, &gauge.compliance),
-                value: counts - gauge.bias_counts - gauge.compliance.dot(&self.dynamics.load(i)),
+                value: self.unexplained_counts(i, &reading) - self.zeros[i].shift_counts,
+                reading,
             });
         }
     }
@@ -162,12 +271,16 @@ impl WrenchEstimator {
         for row in &self.present {
             let gauge = &self.gauges[row.gauge];
             let variance = gauge.noise_counts2
-                + self.calibration_variance(row.gauge, &wrench)
+                + row.reading.unsettled_counts2
+                + self.calibration_variance(row, &wrench)
                 + self.unseen_variance(row.gauge, found);
             self.gls.push(&row.tip, row.value, variance);
         }
         for (coordinate, joint) in motion.iter().enumerate() {
             self.share_motion_error(coordinate, &joint.covariance, &wrench);
+        }
+        if found.is_some() {
+            self.share_deviations(&wrench);
         }
         let length = CHARACTERISTIC_LENGTH_M;
         self.gls.solve(&[1.0, 1.0, 1.0, length, length, length]).map_err(|e| match e {
@@ -178,10 +291,41 @@ impl WrenchEstimator {
     }
 
     /// Variance that the calibration's uncertainty gives to a gauge under its present load, counts^2.
-    fn calibration_variance(&self, gauge: usize, wrench: &Wrench<Tip>) -> f64 {
+    fn calibration_variance(&self, row: &Row, wrench: &Wrench<Tip>) -> f64 {
+        let gauge = &self.gauges[row.gauge];
+        let zero = &self.zeros[row.gauge];
+        let values = zero.excited(&self.excitation(row.gauge, &row.reading, wrench));
+        // Beyond its terms all is zero: most gauges have seven numbers, not sixteen.
+        let used = 7 + gauge.terms.terms.len().min(MOST_TERMS);
+        let (values, covariance) = (values.rows(0, used), gauge.covariance.view((0, 0), (used, used)));
+        let calibrated: f64 = (0..used).map(|k| values[k] * covariance.column(k).dot(&values)).sum();
+        calibrated + zero.variance_counts2
+    }
+
+    /// What a gauge's numbers are multiplied by in the state of the last estimate and under a tip wrench.
+    pub fn excitation(&self, gauge: usize, reading: &GaugeReading, wrench: &Wrench<Tip>) -> Excitation {
         let load = self.dynamics.load(gauge) + self.dynamics.load_of_tip_wrench(gauge, wrench).to_vector();
-        let load = load.push(1.0);
-        load.dot(&(self.gauges[gauge].covariance * load))
+        let terms = &reading.regressors;
+        SVector::from_fn(|k, _| match k {
+            0..6 => load[k],
+            6 => 1.0,
+            _ => terms[k - 7],
+        })
+    }
+
+    /// Adds the directions in which arm and gauges are uncertain together: they move all rows together.
+    fn share_deviations(&mut self, wrench: &Wrench<Tip>) {
+        for deviation in 0..self.arm.deviations() {
+            self.shared.clear();
+            for row in &self.present {
+                let compliance = &self.gauges[row.gauge].compliance;
+                let excitation = self.excitation(row.gauge, &row.reading, wrench);
+                let excited = self.zeros[row.gauge].excited(&excitation);
+                let change = self.arm.change_counts(deviation, row.gauge, compliance, &excited, wrench);
+                self.shared.push(change);
+            }
+            self.gls.add_shared_error(&self.shared);
+        }
     }
 
     /// Variance from directions that the calibration never saw, excited by a wrench that is itself uncertain, counts^2.
@@ -236,129 +380,4 @@ fn square_root(covariance: &Matrix3<f64>) -> [[f64; 3]; 3] {
         }
     }
     columns
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const URDF: &str = include_str!("../../tests/data/arm_a.urdf");
-    const SECTIONS: [&str; 8] =
-        ["joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6", "section_7", "section_8"];
-
-    fn arm() -> (Chain, Vec<Section>) {
-        let gravity = nalgebra::Vector3::new(0.0, 0.0, -9.80665);
-        let chain = Chain::from_urdf(URDF, "arm_a.urdf", "base_link", "tool0", gravity).unwrap();
-        let sections = SECTIONS.iter().map(|s| Section::new(&chain, s, None).unwrap()).collect();
-        (chain, sections)
-    }
-
-    /// Gauges with strong crosstalk, a different one each.
-    fn gauges() -> Vec<GaugeModel> {
-        (0..8)
-            .map(|k| {
-                let s = f64::from(k);
-                GaugeModel {
-                    compliance: Vector6::new(2e3 * s, -1e3, 500.0 * s, 4e4 - 9e3 * s, 2e4 * (s - 3.0), 2e5),
-                    bias_counts: 1e4 * s,
-                    covariance: GaugeCovariance::zeros(),
-                    assumed: None,
-                    noise_counts2: 500.0f64.powi(2),
-                }
-            })
-            .collect()
-    }
-
-    fn pose() -> Vec<JointMotion> {
-        [0.3, -0.9, 0.8, 0.4, -0.7, 0.2].map(JointMotion::at_rest).to_vec()
-    }
-
-    /// Readings of ideal gauges, from the loads by another way than the estimator's rows.
-    fn readings(gauges: &[GaugeModel], motion: &[JointMotion], wrench: &Wrench<Tip>) -> Vec<Option<f64>> {
-        let (chain, sections) = arm();
-        let mut d = Dynamics::new(&chain, &sections);
-        let part = |f: fn(&JointMotion) -> f64| motion.iter().map(f).collect::<Vec<_>>();
-        d.update(&part(|m| m.position_rad), &part(|m| m.velocity_rad_s), &part(|m| m.acceleration_rad_s2));
-        gauges
-            .iter()
-            .enumerate()
-            .map(|(i, g)| {
-                let load = d.load(i) + d.tip_adjoint(i) * wrench.to_vector();
-                Some(g.compliance.dot(&load) + g.bias_counts)
-            })
-            .collect()
-    }
-
-    fn wrench() -> Wrench<Tip> {
-        Wrench::from_vector(&Vector6::new(3.0, -2.0, 5.0, 0.2, -0.4, 0.1))
-    }
-
-    #[test]
-    fn finds_the_wrench_of_ideal_gauges_and_with_any_two_missing() {
-        let (chain, sections) = arm();
-        let mut estimator = WrenchEstimator::new(&chain, &sections, gauges());
-        let mut motion = pose();
-        motion[2].velocity_rad_s = 1.0;
-        motion[4].acceleration_rad_s2 = 9.0;
-        let all = readings(&gauges(), &motion, &wrench());
-        for (a, b) in [(0, 0), (0, 1), (2, 5), (6, 7)] {
-            let mut counts = all.clone();
-            counts[a] = None;
-            counts[b] = None;
-            let found = estimator.estimate(&motion, &counts).unwrap();
-            assert!((found.wrench.to_vector() - wrench().to_vector()).amax() < 1e-6, "{found:?}");
-            assert!(found.parity_chi2 < 1e-9 && found.parity_dof == if a == b { 1 } else { 0 });
-        }
-        let mut counts = all;
-        counts[..3].fill(None);
-        assert_eq!(estimator.estimate(&motion, &counts), Err(NoWrench::TooFewGauges));
-    }
-
-    #[test]
-    fn a_gauge_with_an_unseen_direction_that_matters_is_hardly_used() {
-        let (chain, sections) = arm();
-        let truth = gauges();
-        let mut seen = gauges();
-        // Gauge 1 was calibrated without ever feeling torque about z: its estimate there is zero, far from the truth.
-        seen[0].compliance[5] = 0.0;
-        let mut assumed = Matrix6::zeros();
-        assumed[(5, 5)] = 2e5f64.powi(2);
-        seen[0].covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(&assumed);
-        seen[0].assumed = Some(assumed);
-        let counts = readings(&truth, &pose(), &wrench());
-        let mut with = WrenchEstimator::new(&chain, &sections, seen.clone());
-        let found = with.estimate(&pose(), &counts).unwrap();
-        let mut without_first = counts;
-        without_first[0] = None;
-        let reference = with.estimate(&pose(), &without_first).unwrap();
-        let error = found.wrench.to_vector() - wrench().to_vector();
-        for k in 0..6 {
-            assert!(error[k].abs() < found.covariance[(k, k)].sqrt(), "{k} {error}");
-            assert!(found.covariance[(k, k)] <= reference.covariance[(k, k)] * 1.0001);
-        }
-    }
-
-    #[test]
-    fn uncertain_acceleration_widens_the_wrench() {
-        let (chain, sections) = arm();
-        let mut estimator = WrenchEstimator::new(&chain, &sections, gauges());
-        let counts = readings(&gauges(), &pose(), &wrench());
-        let sure = estimator.estimate(&pose(), &counts).unwrap();
-        let mut motion = pose();
-        motion[1].covariance[(2, 2)] = 4.0;
-        let unsure = estimator.estimate(&motion, &counts).unwrap();
-        assert!(unsure.covariance.trace() > 2.0 * sure.covariance.trace());
-    }
-
-    #[test]
-    fn the_square_root_of_a_covariance_multiplies_back() {
-        let c = Matrix3::new(2.0, 0.3, 0.1, 0.3, 1.0, -0.2, 0.1, -0.2, 0.5);
-        let mut sum = Matrix3::zeros();
-        for v in square_root(&c) {
-            let v = nalgebra::Vector3::from(v);
-            sum += v * v.transpose();
-        }
-        assert!((sum - c).amax() < 1e-15);
-        assert_eq!(square_root(&Matrix3::zeros()), [[0.0; 3]; 3]);
-    }
 }

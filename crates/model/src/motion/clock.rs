@@ -7,11 +7,10 @@
 
 use super::rhythm::{Rhythm, Step, median};
 
-/// Scatter beyond this share of the period means that rounds do not come periodically: steps are taken from the stamps.
+/// Scatter beyond this share of the period means that rounds do not come periodically: steps are taken from the stamps. Where counters
+/// say how many cycles passed it is the scatter of the least late stamps that counts, for a host does not delay all of them for long; then
+/// steps are in doubt.
 const PERIODIC_UP_TO: f64 = 0.25;
-
-/// The same where counters say how many cycles passed: bursts of an adapter scatter by a period.
-const COUNTED_UP_TO: f64 = 1.0;
 
 /// So many rounds in a row that seem not periodic, and the rhythm is found anew: it may have been found on a bad start.
 const DOUBTED_AFTER: u32 = 50;
@@ -42,6 +41,7 @@ pub struct RoundClock {
     /// The last round and its stamp, ns since the Unix epoch.
     last: Option<(Sampled, i64)>,
     rhythm: Option<Rhythm>,
+    floor: Floor,
     /// Period of a rhythm that was lost, s.
     former_s: Option<f64>,
     /// The intervals so far, until there are enough to know the period, s a cycle.
@@ -70,6 +70,7 @@ impl RoundClock {
             },
             None => {
                 self.forget();
+                self.floor = Floor::default();
                 Sampled { at_ns: before.at_ns + JUMP_NS, ..before }
             }
         };
@@ -84,13 +85,17 @@ impl RoundClock {
         }
         let Some(rhythm) = &mut self.rhythm else { return self.gather(interval_s, cycles) };
         let mut step = rhythm.advance(interval_s, cycles);
-        let periodic_s = rhythm.period_s() * if cycles.is_some() { COUNTED_UP_TO } else { PERIODIC_UP_TO };
-        if step.scatter_s > periodic_s {
-            self.doubted += 1;
-            let sigma_s = step.scatter_s.min(0.5 * interval_s.abs());
-            step = Step { s: interval_s, variance_s2: sigma_s * sigma_s, ..step };
-        } else {
-            self.doubted = 0;
+        match cycles {
+            Some(_) if self.floor.observe(interval_s - step.s) > PERIODIC_UP_TO * rhythm.period_s() => {
+                // The boards themselves may be what is not periodic, or a host that does next to nothing: half of either.
+                step.variance_s2 += 0.25 * (interval_s - step.s).powi(2);
+            }
+            None if step.scatter_s > PERIODIC_UP_TO * rhythm.period_s() => {
+                self.doubted += 1;
+                let sigma_s = step.scatter_s.min(0.5 * interval_s.abs());
+                step = Step { s: interval_s, variance_s2: sigma_s * sigma_s, ..step };
+            }
+            _ => self.doubted = 0,
         }
         if rhythm.is_lost() || self.doubted > DOUBTED_AFTER {
             let former_s = rhythm.period_s();
@@ -110,13 +115,19 @@ impl RoundClock {
         self.gathered[self.count] = interval_s / f64::from(cycles.unwrap_or(1));
         self.count += 1;
         let intervals = &mut self.gathered[..self.count];
-        let found_s = median(intervals);
+        // In bursts most intervals are short: then their mean says more.
+        let mean_s = intervals.iter().sum::<f64>() / intervals.len() as f64;
+        let found_s = Some(median(intervals)).filter(|median_s| *median_s > 0.5 * mean_s).unwrap_or(mean_s);
         let period_s = self.former_s.unwrap_or(found_s);
         let count = cycles.map_or((interval_s / period_s).round().max(1.0), f64::from);
         let s = count * period_s;
         let sigma_s = 0.5 * (interval_s - s).abs() + UNSURE * period_s;
         if self.count == FIRST {
-            self.rhythm = Some(Rhythm::new(found_s, intervals));
+            self.rhythm = Some(match (self.former_s, cycles) {
+                // A quartz does not change its period: that takes intervals that agree on another one.
+                (Some(former_s), Some(_)) if !agree(intervals, found_s) => Rhythm::again(former_s, intervals),
+                _ => Rhythm::new(found_s, intervals),
+            });
         }
         Some(Step { s, variance_s2: sigma_s * sigma_s, scatter_s: sigma_s })
     }
@@ -126,6 +137,49 @@ impl RoundClock {
         self.former_s = None;
         self.count = 0;
         self.doubted = 0;
+    }
+}
+
+/// Whether most intervals are about a period.
+fn agree(intervals: &[f64], period_s: f64) -> bool {
+    const ABOUT: f64 = 0.1;
+    let about = intervals.iter().filter(|interval| (*interval - period_s).abs() < ABOUT * period_s).count();
+    4 * about >= 3 * intervals.len()
+}
+
+/// How far the least late stamps wander against the boards' time.
+#[derive(Clone, Debug, Default)]
+struct Floor {
+    /// Lateness of the last round, and the least of this block of rounds, s.
+    late_s: f64,
+    least_s: f64,
+    rounds: u32,
+    before_s: Option<f64>,
+    /// How far the least moved from one block to the next, s.
+    moves_s: [f64; MOVES],
+    blocks: usize,
+}
+
+/// Rounds of a block: some stamp of it is in time unless the host does next to nothing.
+const BLOCK: u32 = 16;
+
+/// The median of so many moves tells: a single pause of the boards does not.
+const MOVES: usize = 5;
+
+impl Floor {
+    /// Takes in how much longer than the boards' step an interval was; how far the floor moves in a block, s.
+    fn observe(&mut self, excess_s: f64) -> f64 {
+        self.late_s += excess_s;
+        self.least_s = if self.rounds == 0 { self.late_s } else { self.least_s.min(self.late_s) };
+        self.rounds += 1;
+        if self.rounds == BLOCK {
+            self.rounds = 0;
+            if let Some(before_s) = self.before_s.replace(self.least_s) {
+                self.moves_s[self.blocks % MOVES] = (self.least_s - before_s).abs();
+                self.blocks += 1;
+            }
+        }
+        if self.blocks < MOVES { 0.0 } else { median(&mut self.moves_s.clone()) }
     }
 }
 
@@ -231,6 +285,33 @@ mod tests {
             let sigma_s = (sampled[k].walked_s2 - sampled[k - 1].walked_s2).sqrt();
             assert!(error_s.abs() < 2e-6 + 3.0 * sigma_s, "{k}: {error_s} {sigma_s}");
         }
+    }
+
+    #[test]
+    fn counted_rounds_of_boards_that_are_not_periodic_are_in_doubt() {
+        let (mut seed, mut now) = (9, 0);
+        let mut clock = RoundClock::default();
+        let mut before = clock.observe(now, Some(1));
+        let mut far = 0;
+        for k in 0..2000 {
+            let step = 1_000_000 + (uniform(&mut seed) * 20e6) as i64;
+            now += step;
+            let sampled = clock.observe(now, Some(1));
+            let error_s = (sampled.at_ns - before.at_ns - step) as f64 * 1e-9;
+            let sigma_s = (sampled.walked_s2 - before.walked_s2).sqrt();
+            far += i32::from(k >= 200 && error_s.abs() > 4.0 * sigma_s + 1e-8);
+            before = sampled;
+        }
+        assert!(far < 40, "{far} steps are further off than they say");
+    }
+
+    #[test]
+    fn a_host_that_is_late_by_periods_does_not_move_counted_steps() {
+        // Five rounds in one burst, all the time.
+        let rounds: Vec<(i64, i64)> =
+            (0..2000i64).map(|k| (k * PERIOD_NS, (k / 5 * 5 + 4) * PERIOD_NS + k % 5 * 100_000)).collect();
+        let steps = steps(&rounds, true);
+        assert!(rms(steps.iter().map(|(e, _)| *e)) < 20e-6, "{}", rms(steps.iter().map(|(e, _)| *e)));
     }
 
     #[test]

@@ -9,6 +9,9 @@ const LATE_AT_MOST: u32 = 20;
 /// A stamp cannot be early but where the phase was wrong; after so many in a row the period is another one.
 const EARLY_AT_MOST: u32 = 3;
 
+/// How sure the period still is where the phase was lost, as a share of it.
+const PERIOD_SIGMA: f64 = 1e-3;
+
 /// What a quartz wanders: instant and period, per round, as shares of the period.
 const WANDER: (f64, f64) = (2e-5, 2e-7);
 
@@ -69,6 +72,14 @@ impl Rhythm {
             early_in_a_row: 0,
             owed: 0,
         }
+    }
+
+    /// With a period that is known from before: only the phase is to be found.
+    pub(super) fn again(period_s: f64, intervals: &mut [f64]) -> Self {
+        let mut rhythm = Self::new(period_s, intervals);
+        rhythm.period2 = (PERIOD_SIGMA * period_s).powi(2);
+        rhythm.both = 0.0;
+        rhythm
     }
 
     pub(super) fn period_s(&self) -> f64 {
@@ -157,7 +168,6 @@ impl Rhythm {
 
     /// The phase was found on late stamps: this one is the best so far. So the period is less sure, too.
     fn set_phase(&mut self) {
-        const PERIOD_SIGMA: f64 = 1e-3;
         self.late_s = 0.0;
         self.instant2 = self.scatter2;
         self.both = 0.0;

@@ -5,6 +5,7 @@
 mod binding;
 mod config;
 mod examples;
+mod model_file;
 mod run;
 mod wire;
 

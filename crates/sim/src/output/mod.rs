@@ -51,7 +51,7 @@ pub fn write_run(
     scenario: &Scenario,
     options: Options,
     notes: &Notes,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut dyn FnMut(f64) -> bool,
 ) -> Result<(), SimError> {
     let simulator = Simulator::new(rig, truth.clone(), scenario, options)?;
     let name = run_name(dir)?;
@@ -125,7 +125,7 @@ fn write_log(
     file: &Path,
     interfaces: &[String],
     mut simulator: Simulator,
-    progress: &mut dyn FnMut(f64),
+    progress: &mut dyn FnMut(f64) -> bool,
 ) -> Result<(), SimError> {
     let mut log = LogWriter::create(file, interfaces, StampDigits::Micros)?;
     let mut until_report = 0;
@@ -133,7 +133,9 @@ fn write_log(
         log.frame(&stamped)?;
         if until_report == 0 {
             until_report = FRAMES_PER_REPORT;
-            progress(simulator.progress());
+            if !progress(simulator.progress()) {
+                return Err(SimError::Interrupted);
+            }
         }
         until_report -= 1;
     }
@@ -154,7 +156,12 @@ pub fn reference_csv(simulator: &Simulator, scenario: &Scenario, seed: u64) -> O
         if !sensor.is_mounted(t_s) {
             continue;
         }
-        let push = scenario.push.at(t_s);
+        // Calibrations have a real sensor; what an evaluation is judged by is the truth.
+        let faults = simulator.truth().imperfections.as_ref().map(|faults| &faults.reference);
+        let push = match faults.filter(|_| scenario.purpose == Purpose::Calibration) {
+            Some(sensor) => sensor.says(&scenario.push.at(t_s)),
+            None => scenario.push.at(t_s),
+        };
         let mut reading = [0.0; 6];
         for axis in 0..3 {
             reading[axis] = push.force_n[axis] + sensor.force_sigma_n[axis] * normal(&mut rng);

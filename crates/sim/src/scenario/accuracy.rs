@@ -24,14 +24,28 @@ const REST_S: f64 = 1.0;
 /// Motion under the steady push, s.
 const MOTION_S: f64 = 20.0;
 
-/// The experiment for an arm with these limits, its poses and motion from `seed`.
-pub(super) fn accuracy(limits: &MotionLimits, seed: u64) -> Scenario {
+/// Poses that are drawn at most for one that is accepted.
+const DRAWS: usize = 1000;
+
+/// The experiment for an arm with these limits, its poses and motion from `seed`; a held pose (rad, base to tip) is drawn again until
+/// `accept` takes it.
+pub(super) fn accuracy(limits: &MotionLimits, seed: u64, accept: &dyn Fn(&[f64]) -> bool) -> Scenario {
     let mut rng = stream(seed, random::Purpose::Motion);
-    let mut trajectory = Trajectory::from_pose(limits.random_pose(&mut rng, POSE_SHARE));
+    let held = |rng: &mut StdRng| {
+        let mut pose = limits.random_pose(rng, POSE_SHARE);
+        for _ in 1..DRAWS {
+            if accept(&pose) {
+                break;
+            }
+            pose = limits.random_pose(rng, POSE_SHARE);
+        }
+        pose
+    };
+    let mut trajectory = Trajectory::from_pose(held(&mut rng));
     let mut push = Push::none();
     for pose in 0..POSES {
         if pose > 0 {
-            trajectory.move_to(limits.random_pose(&mut rng, POSE_SHARE), limits, SPEED_SHARE);
+            trajectory.move_to(held(&mut rng), limits, SPEED_SHARE);
         }
         trajectory.hold(REST_S);
         for axis in 0..3 {

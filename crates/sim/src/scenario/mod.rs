@@ -92,7 +92,7 @@ impl Preset {
         let limits = MotionLimits::of(chain)?;
         Ok(match self {
             Self::Calibration => CalibrationPlan::default().scenario(&limits, seed),
-            Self::Accuracy => accuracy::accuracy(&limits, seed),
+            Self::Accuracy => accuracy::accuracy(&limits, seed, &|_| true),
             Self::Sweep => sweep::sweep(&limits),
             Self::Holds => sweep::holds(&limits, seed),
         })
@@ -124,6 +124,12 @@ impl Scenario {
             push: Push::none(),
             reference: None,
         }
+    }
+
+    /// [`Preset::Accuracy`] in held poses (rad, base to tip) that `accept` takes, such as those in which gauges see all directions well.
+    #[must_use]
+    pub fn accuracy_in(limits: &MotionLimits, seed: u64, accept: &dyn Fn(&[f64]) -> bool) -> Self {
+        accuracy::accuracy(limits, seed, accept)
     }
 
     /// The same with a point mass (kg, m in E) at the tip all the time, beside what hangs there anyway.

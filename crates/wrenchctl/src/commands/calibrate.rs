@@ -10,6 +10,7 @@ use rig::model_file::Input;
 use rig::{Rig, Run};
 
 use crate::output::{self, Side, Table};
+use crate::pages;
 use crate::progress::Progress;
 use crate::{Error, Outcome};
 
@@ -28,6 +29,9 @@ pub struct Args {
     /// Also write the result as JSON; - is standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Also write a report to look at: one HTML page
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
 }
 
 /// What to find of each gauge.
@@ -51,16 +55,30 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
         AxesArg::Five => Axes::Five,
         AxesArg::Full => Axes::Full,
     };
+    let inputs = inputs(&runs)?;
+    let written = [Some(&args.out), args.json.as_ref(), args.report.as_ref()];
+    for path in written.into_iter().flatten() {
+        output::refuse_to_overwrite(path, inputs.iter().map(|input| Path::new(&input.file)))?;
+    }
+    output::one_at_most_to_stdout(written)?;
     let date = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
-    let result = calibration::calibrate(&rig, &recordings, axes, inputs(&runs)?, &date[..10])?;
+    let result = calibration::calibrate(&rig, &recordings, axes, inputs, &date[..10])?;
+    let page = args
+        .report
+        .as_ref()
+        .map(|_| pages::calibration::page(&result, &rig, &runs, &recordings))
+        .transpose()?;
     output::write_file(&args.out, result.model.to_toml().as_bytes())?;
+    if let (Some(path), Some(page)) = (&args.report, page) {
+        output::write_file(path, page.html().as_bytes())?;
+    }
     if let Some(path) = &args.json {
         output::write_json(path, &result.report)?;
     }
     for warning in &result.warnings {
         output::note(format_args!("{warning}"));
     }
-    if args.json.as_deref() != Some(Path::new("-")) && args.out != Path::new("-") {
+    if !written.contains(&Some(&PathBuf::from("-"))) {
         let mut out = output::stdout();
         summary(&result, &args.out, &mut out)?;
         out.flush()?;
@@ -71,6 +89,15 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
 /// The runs in these directories, all of one robot.
 pub fn load_runs(dirs: &[PathBuf]) -> Result<Vec<Run>, Error> {
     let runs = dirs.iter().map(|dir| Run::load(dir)).collect::<Result<Vec<_>, _>>()?;
+    for (at, run) in runs.iter().enumerate() {
+        let real = |run: &Run| std::fs::canonicalize(&run.log).ok();
+        if runs[..at].iter().any(|other| real(other).is_some() && real(other) == real(run)) {
+            let dir = run.dir.display();
+            return Err(Error::usage(format!(
+                "{dir}: its log is given twice and would count twice; give it once"
+            )));
+        }
+    }
     let Some((first, others)) = runs.split_first() else {
         return Err(Error::usage("no run directory given"));
     };
@@ -147,6 +174,15 @@ fn summary(result: &Calibration, path: &Path, out: &mut impl Write) -> Result<()
         writeln!(out, "not determined by these recordings:")?;
         for u in unseen {
             writeln!(out, "  {}: never excited; {}", u.words, u.remedy)?;
+        }
+    }
+    if !result.report.arm_unobservable.is_empty() {
+        writeln!(
+            out,
+            "of the arm not told by these recordings (the wrench's uncertainty has what matters of it):"
+        )?;
+        for untold in &result.report.arm_unobservable {
+            writeln!(out, "  {untold}")?;
         }
     }
     writeln!(out, "model written to {}", path.display())?;

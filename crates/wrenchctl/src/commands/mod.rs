@@ -2,9 +2,12 @@
 
 pub mod calibrate;
 pub mod check;
+pub mod daemon;
 pub mod demo;
 pub mod diagnose;
 pub mod dump;
+pub mod monitor;
+pub mod plan;
 pub mod record;
 pub mod replay;
 pub mod simulate;
@@ -20,12 +23,19 @@ use crate::{Error, Outcome};
 pub fn run(command: Command) -> Result<Outcome, Error> {
     match command {
         Command::Check(args) => check::run(args),
+        Command::Monitor(args) => monitor::run(args),
+        Command::Status(args) => daemon::status(args),
+        Command::Tare(args) => daemon::tare(args),
+        Command::Untare(args) => daemon::untare(args),
+        Command::Payload(args) => daemon::payload(args),
+        Command::Reload(args) => daemon::reload(args),
         Command::Demo(args) => demo::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Dump(args) => dump::run(args),
         Command::Stats(args) => stats::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Record(args) => record::run(args),
+        Command::Plan(args) => plan::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::Diagnose(args) => diagnose::run(args),
         Command::Validate(args) => validate::run(args),

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 
 use rig::{ModelFile, Rig};
 use sim::motion::MotionLimits;
@@ -9,7 +10,7 @@ use sim::output::{LABELS_FILE, Notes, write_run};
 use sim::{Options, Preset, Scenario, Simulator, Trajectory, Truth};
 
 use crate::progress::Progress;
-use crate::{Error, Outcome, output};
+use crate::{Error, Outcome, live, output};
 
 /// What to simulate.
 #[derive(clap::Args, Debug)]
@@ -77,8 +78,10 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     // Refused before anything is written, and the figures of the summary.
     let cycles = Simulator::new(&rig, truth.clone(), &scenario, options)?.cycles();
     let progress = Progress::steps(100, "simulating");
+    let interrupted = live::interrupted();
     write_run(&args.out, &rig, &truth, &scenario, options, &notes, &mut |share| {
         progress.at((100.0 * share) as u64);
+        !interrupted.load(Ordering::Relaxed)
     })?;
     drop(progress);
     let mut out = output::stdout();

@@ -8,6 +8,7 @@ use rig::{ModelFile, Rig};
 
 use super::calibrate::{load_runs, read};
 use crate::output::{self, Side, Table};
+use crate::pages::validation::Collector;
 use crate::{Error, Outcome};
 
 /// What to score.
@@ -28,6 +29,9 @@ pub struct Args {
     /// Also write every published instant as CSV; - is standard output
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
+    /// Also write a report to look at: one HTML page
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
     /// Answer "no" (exit status 1) if the force RMS of still instants is above this, N
     #[arg(long, value_name = "N", value_parser = positive)]
     pub max_force_rms: Option<f64>,
@@ -42,6 +46,7 @@ fn positive(text: &str) -> Result<f64, String> {
 
 /// Scores, and prints the table.
 pub fn run(args: Args) -> Result<Outcome, Error> {
+    output::one_at_most_to_stdout([args.csv.as_ref(), args.json.as_ref(), args.report.as_ref()])?;
     let runs = load_runs(&args.runs)?;
     let rig = Rig::load(runs[0].config.clone())?;
     let model = ModelFile::load(&args.model, &rig)?;
@@ -51,9 +56,13 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     }
     let pairs: Vec<_> = runs.iter().zip(recordings).collect();
     let mut csv = args.csv.as_ref().map(|_| b"t,fx,fy,fz,tx,ty,tz,sfx,sfy,sfz,stx,sty,stz,status\n".to_vec());
+    let mut collector = args.report.as_ref().map(|_| Collector::new(&rig, &pairs)).transpose()?;
     let result = calibration::validate::validate(&pairs, &rig, &model, args.smooth, |row| {
         if let Some(csv) = &mut csv {
             write_row(csv, row);
+        }
+        if let Some(collector) = &mut collector {
+            collector.add(row);
         }
         Ok(())
     })?;
@@ -63,8 +72,11 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     if let Some(path) = &args.json {
         output::write_json(path, &result)?;
     }
+    if let (Some(path), Some(collector)) = (&args.report, collector) {
+        output::write_file(path, collector.page(&result, &model).html().as_bytes())?;
+    }
     let to_stdout = |path: &Option<PathBuf>| path.as_deref() == Some(Path::new("-"));
-    if !to_stdout(&args.csv) && !to_stdout(&args.json) {
+    if ![&args.csv, &args.json, &args.report].into_iter().any(to_stdout) {
         let mut out = output::stdout();
         summary(&result, &mut out)?;
         out.flush()?;

@@ -1,11 +1,14 @@
-//! Outputs that publish from inside the cycle; each is one file here and one line in `OPENERS`.
+//! Everything that publishes; each output is one file here and one line in `OPENERS`.
 //!
-//! Outputs that need not be on time, or that cannot promise not to wait, read a [`crate::feed::Feed`] instead.
+//! An output has a part inside the cycle, a part outside it, or both. What need not be on time, or cannot promise not to wait,
+//! is a [`crate::network::Server`] that reads the feed; only what must leave at once is an [`Output`].
 
 #[cfg(target_os = "linux")]
 mod can;
-
-use rig::Config;
+#[cfg(target_os = "linux")]
+mod metrics;
+#[cfg(target_os = "linux")]
+pub mod rdt;
 
 use crate::published::Published;
 
@@ -30,30 +33,73 @@ pub trait Output: Send {
     fn counts(&self) -> OutputCounts;
 }
 
-/// Opens an output if it is configured.
-type Opener = fn(&Config) -> ::can::Result<Option<Box<dyn Output>>>;
-
-/// Every real-time output.
 #[cfg(target_os = "linux")]
-const OPENERS: [Opener; 1] = [can::open];
-#[cfg(not(target_os = "linux"))]
-const OPENERS: [Opener; 0] = [];
+pub use opening::{OpenError, not_served};
+#[cfg(target_os = "linux")]
+pub(crate) use opening::{Opened, open};
 
-/// All real-time outputs that a configuration asks for.
-pub fn open(config: &Config) -> ::can::Result<Vec<Box<dyn Output>>> {
-    OPENERS.iter().filter_map(|opener| opener(config).transpose()).collect()
-}
+#[cfg(target_os = "linux")]
+mod opening {
+    use rig::Config;
 
-/// Configured tables that this version does not serve, one line each.
-pub fn not_served(config: &Config) -> Vec<String> {
-    let publish = &config.publish;
-    let tables = [
-        ("[publish.rdt]", publish.rdt.is_some()),
-        ("[publish.ros2]", publish.ros2.is_some()),
-        ("[publish.metrics]", publish.metrics.is_some()),
-        ("[control]", config.control.is_some()),
-        ("[filter]", config.filter != rig::config::Filter::default()),
+    use super::{Output, can, metrics, rdt};
+    use crate::control::server as control;
+    use crate::network::ports::{PortError, Ports};
+    use crate::network::{Server, Shared};
+
+    /// Why an output cannot be opened.
+    #[derive(Debug, thiserror::Error)]
+    #[non_exhaustive]
+    pub enum OpenError {
+        /// An interface.
+        #[error(transparent)]
+        Can(#[from] ::can::Error),
+        /// An address.
+        #[error(transparent)]
+        Port(#[from] PortError),
+    }
+
+    /// What was opened for one table of the configuration; nothing where that is absent.
+    #[derive(Default)]
+    pub(crate) struct Opened {
+        /// The part inside the cycle.
+        pub(crate) output: Option<Box<dyn Output>>,
+        /// The parts outside it.
+        pub(crate) servers: Vec<Server>,
+    }
+
+    type Opener = fn(&Config, &Shared, &mut Ports) -> Result<Opened, OpenError>;
+
+    /// Everything that a configuration can ask for.
+    const OPENERS: [Opener; 4] = [
+        |config, _, _| Ok(Opened { output: can::open(config)?, servers: Vec::new() }),
+        |config, shared, ports| Ok(rdt::open(config, shared, ports)?),
+        |config, shared, ports| Ok(metrics::open(config, shared, ports)?),
+        |config, shared, ports| Ok(control::open(config, shared, ports)?),
     ];
-    let asked = tables.into_iter().filter(|(_, asked)| *asked);
-    asked.map(|(table, _)| format!("{table} is configured, but this version does not serve it")).collect()
+
+    /// All that a configuration asks for: what runs inside the cycle, and what outside.
+    pub(crate) type Parts = (Vec<Box<dyn Output>>, Vec<Server>);
+
+    /// Opens all that a configuration asks for. On an error `ports` still has what was opened before it.
+    pub(crate) fn open(config: &Config, shared: &Shared, ports: &mut Ports) -> Result<Parts, OpenError> {
+        ports.begin();
+        let (mut outputs, mut servers) = Parts::default();
+        for opener in OPENERS {
+            let opened = opener(config, shared, ports)?;
+            outputs.extend(opened.output);
+            servers.extend(opened.servers);
+        }
+        Ok((outputs, servers))
+    }
+
+    /// Configured tables that this version does not serve, one line each.
+    pub fn not_served(config: &Config) -> Vec<String> {
+        let tables = [
+            ("[publish.ros2]", config.publish.ros2.is_some()),
+            ("[filter]", config.filter != rig::config::Filter::default()),
+        ];
+        let asked = tables.into_iter().filter(|(_, asked)| *asked);
+        asked.map(|(table, _)| format!("{table} is configured, but this version does not serve it")).collect()
+    }
 }

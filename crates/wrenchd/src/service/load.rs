@@ -11,6 +11,8 @@ use rig::{ModelFile, Rig, RigError};
 use super::Options;
 use crate::engine::Engine;
 use crate::merge::Merge;
+use crate::network::Robot;
+use crate::output::OpenError;
 use crate::station::EVENTS_PER_TURN;
 
 /// Why the daemon cannot start, or a reload not be done.
@@ -33,6 +35,9 @@ pub enum StartError {
         /// The configuration file.
         config: PathBuf,
     },
+    /// An output, or a socket that clients come to.
+    #[error(transparent)]
+    Open(#[from] OpenError),
     /// A reload that would need another recording.
     #[error(
         "{}: [bus] interfaces changed while --record is writing a log of the old ones; restart the daemon instead",
@@ -81,6 +86,20 @@ impl Loaded {
     /// A new engine.
     pub fn engine(&self) -> Result<Engine, StartError> {
         Ok(Engine::new(&self.rig, &self.model)?)
+    }
+
+    /// What clients may know of it, with the engine that runs it.
+    pub(super) fn robot(&self, engine: &Engine) -> Robot {
+        let config = &self.rig.config;
+        Robot {
+            config: config.file.display().to_string(),
+            model: self.model_file.display().to_string(),
+            model_sha256: self.model_sha256.clone(),
+            mode: mode_name(config.publish.mode),
+            rate_hz: config.publish.rate_hz,
+            gauges: config.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
+            board: engine.board().clone(),
+        }
     }
 
     /// Opens the interfaces; with the smallest receive buffer that the kernel gave, in bytes. Unless everything is to be

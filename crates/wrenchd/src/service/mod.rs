@@ -1,19 +1,25 @@
 //! The daemon as a service: started from files, supervised by signals and the service manager.
 
+mod clients;
 pub mod load;
 pub mod log;
 mod notify;
 mod supervise;
+#[cfg(test)]
+mod tests;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 
+use crate::desk::desk;
 use crate::feed::feed;
 use crate::health::Health;
 use crate::realtime;
 use crate::recorder::{QUEUE_EVENTS, Recorder};
 use crate::runner::{BoxedSource, Runner};
 use crate::station::{Sinks, Station};
+use clients::Clients;
 use load::{Loaded, StartError};
 use supervise::Supervisor;
 
@@ -40,16 +46,6 @@ pub fn run(options: &Options) -> Result<ExitCode, StartError> {
     for line in crate::output::not_served(&loaded.rig.config) {
         tracing::warn!("{line}");
     }
-    let outputs = crate::output::open(&loaded.rig.config)?;
-    let (source, receive_buffer) = loaded.open_source(options.record.is_some())?;
-    let (source, recorder): (BoxedSource, _) = match &options.record {
-        Some(path) => {
-            let (tapped, copies) = can::tap::tap(source, QUEUE_EVENTS);
-            let interfaces = &loaded.rig.config.bus.interfaces;
-            (Box::new(tapped), Some(Recorder::start(path, interfaces, copies, &loaded.remark())?))
-        }
-        None => (Box::new(source), None),
-    };
     // Held to the end.
     let awake = realtime::no_deep_sleep();
     if let Err(refused) = &awake {
@@ -58,16 +54,46 @@ pub fn run(options: &Options) -> Result<ExitCode, StartError> {
     if let Err(refused) = realtime::lock_memory() {
         tracing::warn!("{refused}");
     }
-    let health = std::sync::Arc::new(Health::default());
-    let (writer, feed) = feed(FEED_RECORDS);
-    let sinks = Sinks::new(outputs, writer, health.clone());
-    let engine = loaded.engine()?;
-    let station = Station::new(source, engine, loaded.rig.config.publish.rate_hz, sinks);
+    start(options, loaded, open_bus)?.run()
+}
+
+/// Where frames come from, and the recording of them.
+type Bus = (BoxedSource, Option<Recorder>);
+
+/// Opens the interfaces, and the recording where one is asked for.
+fn open_bus(options: &Options, loaded: &Loaded) -> Result<Bus, StartError> {
+    let (source, receive_buffer) = loaded.open_source(options.record.is_some())?;
+    let bus: Bus = match &options.record {
+        Some(path) => {
+            let (tapped, copies) = can::tap::tap(source, QUEUE_EVENTS);
+            let interfaces = &loaded.rig.config.bus.interfaces;
+            (Box::new(tapped), Some(Recorder::start(path, interfaces, copies, &loaded.remark())?))
+        }
+        None => (Box::new(source), None),
+    };
     loaded.announce(receive_buffer);
+    Ok(bus)
+}
+
+/// Opens the outputs and what clients come to, then the bus, and starts the cycle.
+fn start(
+    options: &Options,
+    loaded: Loaded,
+    bus: impl FnOnce(&Options, &Loaded) -> Result<Bus, StartError>,
+) -> Result<Supervisor, StartError> {
+    let health = Arc::new(Health::default());
+    let (writer, feed) = feed(FEED_RECORDS);
+    let (desk, inbox) = desk();
+    let engine = loaded.engine()?;
     let reader = feed.reader();
-    let (runner, refused) = Runner::start(station).map_err(StartError::Thread)?;
+    let mut clients = Clients::new(loaded.robot(&engine), feed, health.clone(), desk);
+    let outputs = clients.open(&loaded.rig.config)?;
+    let (source, recorder) = bus(options, &loaded)?;
+    let sinks = Sinks::new(outputs, writer, health.clone());
+    let station = Station::new(source, engine, loaded.rig.config.publish.rate_hz, sinks);
+    let (runner, refused) = Runner::start(station, inbox).map_err(StartError::Thread)?;
     if let Some(refused) = refused {
         tracing::warn!("{refused}");
     }
-    Supervisor { options: options.clone(), loaded, runner, recorder, health, reader }.run()
+    Ok(Supervisor { options: options.clone(), loaded, runner, recorder, health, reader, clients })
 }

@@ -8,10 +8,12 @@ use rig::Status;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::time::{MissedTickBehavior, interval};
 
+use super::clients::Clients;
 use super::load::{Loaded, StartError};
 use super::{Options, notify};
 use crate::feed::FeedReader;
 use crate::health::{Health, Totals};
+use crate::network::ReloadRequest;
 use crate::published::Why;
 use crate::recorder::Recorder;
 use crate::runner::{BoxedSource, Replacement, Runner};
@@ -31,6 +33,7 @@ pub(super) struct Supervisor {
     pub(super) recorder: Option<Recorder>,
     pub(super) health: Arc<Health>,
     pub(super) reader: FeedReader,
+    pub(super) clients: Clients,
 }
 
 /// What is logged and when it last was.
@@ -47,7 +50,7 @@ struct Watch {
 
 enum Wish {
     Stop,
-    Reload,
+    Reload(Option<ReloadRequest>),
     Look,
     Feed,
 }
@@ -59,7 +62,10 @@ impl Supervisor {
             .enable_all()
             .build()
             .map_err(StartError::Signals)?;
-        runtime.block_on(self.watch())?;
+        runtime.block_on(async {
+            self.clients.take_on();
+            self.watch().await
+        })?;
         notify::stopping();
         Ok(self.stop())
     }
@@ -79,13 +85,18 @@ impl Supervisor {
             let wish = tokio::select! {
                 _ = terminate.recv() => Wish::Stop,
                 _ = interrupt.recv() => Wish::Stop,
-                _ = hang_up.recv() => Wish::Reload,
+                _ = hang_up.recv() => Wish::Reload(None),
+                Some(request) = self.clients.reloads.recv() => Wish::Reload(Some(request)),
                 _ = look.tick() => Wish::Look,
                 _ = feed.tick() => Wish::Feed,
             };
             match wish {
                 Wish::Stop => break,
-                Wish::Reload => self.reload(),
+                Wish::Reload(request) => {
+                    let outcome = self.reload();
+                    // Who asked may have gone.
+                    let _ = request.map(|request| request.send(outcome));
+                }
                 Wish::Look => self.look(&mut watch),
                 Wish::Feed => {
                     watch.feed(&self.health);
@@ -97,6 +108,7 @@ impl Supervisor {
 
     fn look(&mut self, watch: &mut Watch) {
         self.runner.free_retired();
+        self.clients.beat();
         if let Some(record) = self.reader.newest() {
             watch.state(record.status, record.outcome.err());
         }
@@ -109,37 +121,43 @@ impl Supervisor {
         }
     }
 
-    fn reload(&mut self) {
+    /// Reads everything again and hands it to the cycle; what became of it, in words.
+    pub(super) fn reload(&mut self) -> Result<String, String> {
         notify::reloading();
-        match self.replacement() {
-            Ok((loaded, replacement)) => {
-                if self.runner.offer(Box::new(replacement)) {
-                    let hash = &loaded.model_sha256;
-                    tracing::info!(
-                        config = %loaded.rig.config.file.display(),
-                        model = %loaded.model_file.display(),
-                        model_sha256 = hash,
-                        mode = super::load::mode_name(loaded.rig.config.publish.mode),
-                        "reloaded"
-                    );
-                    self.loaded = loaded;
-                } else {
-                    tracing::error!(
-                        "not reloaded: the reload before this one has not been taken yet; try again"
-                    );
-                }
-            }
-            Err(error) => {
-                let hash = &self.loaded.model_sha256;
-                tracing::error!(
-                    "not reloaded, the old configuration and model (sha256 {hash}) go on: {error}"
-                );
-            }
+        let outcome = self.try_reload();
+        match &outcome {
+            Ok(words) => tracing::info!("{words}"),
+            Err(words) => tracing::error!("{words}"),
         }
         notify::ready("reloaded");
+        outcome
     }
 
-    fn replacement(&self) -> Result<(Loaded, Replacement), StartError> {
+    fn try_reload(&mut self) -> Result<String, String> {
+        let (loaded, replacement) = self.replacement().map_err(|error| {
+            let hash = &self.loaded.model_sha256;
+            format!("not reloaded, the old configuration and model (sha256 {hash}) go on: {error}")
+        })?;
+        let robot = loaded.robot(&replacement.engine);
+        if !self.runner.offer(Box::new(replacement)) {
+            self.clients.give_up();
+            return Err(
+                "not reloaded: the reload before this one has not been taken yet; try again".to_owned()
+            );
+        }
+        self.clients.take_on();
+        self.clients.show(robot);
+        self.loaded = loaded;
+        let Loaded { rig, model_file, model_sha256, .. } = &self.loaded;
+        Ok(format!(
+            "reloaded config={} model={} model_sha256={model_sha256} mode={}",
+            rig.config.file.display(),
+            model_file.display(),
+            super::load::mode_name(rig.config.publish.mode)
+        ))
+    }
+
+    fn replacement(&mut self) -> Result<(Loaded, Replacement), StartError> {
         let loaded = Loaded::load(&self.options)?;
         let old = &self.loaded.rig;
         let same_messages = old.messages == loaded.rig.messages;
@@ -152,9 +170,10 @@ impl Supervisor {
         } else {
             Some(Box::new(loaded.open_source(false)?.0))
         };
-        let outputs = crate::output::open(&loaded.rig.config)?;
         let engine = loaded.engine()?;
         let rate_hz = loaded.rig.config.publish.rate_hz;
+        // Last: what it opens has to be taken on or given up.
+        let outputs = self.clients.open(&loaded.rig.config)?;
         Ok((loaded, Replacement { engine, rate_hz, outputs, source }))
     }
 
@@ -273,105 +292,6 @@ impl Watch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::common::{examples, model, rig, simulator, truth};
-    use crate::feed::feed;
-    use crate::published::Published;
-    use crate::station::{Sinks, Station};
-    use can::channel::{ChannelSender, channel};
-    use rig::config::PublishMode;
-    use sim::Simulator;
-    use std::fs;
-    use std::path::Path;
-
-    /// A daemon in event mode without interfaces, its files in `folder`.
-    fn daemon(folder: &Path) -> (Supervisor, ChannelSender) {
-        for name in ["arm.urdf", "arm.dbc"] {
-            fs::copy(examples().join(name), folder.join(name)).unwrap();
-        }
-        let text = fs::read_to_string(examples().join("arm.toml")).unwrap();
-        let (before, rest) = text.split_once("[publish.can]").unwrap();
-        let after = rest.split_once("# Records for Net F/T").unwrap().1;
-        let text = format!("{before}#{after}").replace("mode = \"fixed\"", "mode = \"event\"");
-        fs::write(folder.join("arm.toml"), text).unwrap();
-        let robot = rig(PublishMode::Event);
-        fs::write(folder.join("model.toml"), model(&robot, &truth(&robot)).to_toml()).unwrap();
-        let (config, model) = (folder.join("arm.toml"), Some(folder.join("model.toml")));
-        let options = Options { config, model, record: None };
-        let loaded = Loaded::load(&options).unwrap();
-        let (sender, source) = channel(1 << 14);
-        let (writer, feed) = feed(1 << 12);
-        let health = Arc::new(Health::default());
-        let sinks = Sinks::new(Vec::new(), writer, health.clone());
-        let station = Station::new(Box::new(source) as BoxedSource, loaded.engine().unwrap(), 1000.0, sinks);
-        let reader = feed.reader();
-        let (runner, _) = Runner::start(station).unwrap();
-        (Supervisor { options, loaded, runner, recorder: None, health, reader }, sender)
-    }
-
-    /// What is published of the next 700 frames, a tenth of a second.
-    fn published(supervisor: &mut Supervisor, sender: &ChannelSender, arm: &mut Simulator) -> Vec<Published> {
-        let frames: Vec<_> = arm.take(700).collect();
-        let before = supervisor.health.totals().frames;
-        assert!(frames.iter().all(|frame| sender.send(*frame)));
-        let begun = Instant::now();
-        while supervisor.health.totals().frames < before + frames.len() as u64 {
-            assert!(begun.elapsed() < Duration::from_secs(20), "the cycle stands still");
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        let records: Vec<_> = std::iter::from_fn(|| supervisor.reader.next_record()).collect();
-        assert!(records.windows(2).all(|pair| pair[1].sequence == pair[0].sequence + 1));
-        records
-    }
-
-    fn force_n(records: &[Published]) -> f64 {
-        let forces: Vec<f64> =
-            records.iter().filter_map(|record| Some(record.outcome.ok()?.wrench.force_n.norm())).collect();
-        assert!(forces.len() > 90, "{} of {} are valid", forces.len(), records.len());
-        forces.iter().sum::<f64>() / forces.len() as f64
-    }
-
-    #[test]
-    fn a_bad_model_changes_nothing_and_a_good_one_is_taken_on() {
-        let folder = tempfile::tempdir().unwrap();
-        let (mut daemon, sender) = daemon(folder.path());
-        let mut arm = simulator(&daemon.loaded.rig, 1000.0);
-        let weight_n = 0.4 * 9.80665;
-        assert!((force_n(&published(&mut daemon, &sender, &mut arm)) / weight_n - 1.0).abs() < 0.05);
-        let (hash, file) = (daemon.loaded.model_sha256.clone(), folder.path().join("model.toml"));
-        let good = fs::read_to_string(&file).unwrap();
-        for bad in [&good[..good.len() / 2], &good.replace("section_8", "section_7"), ""] {
-            fs::write(&file, bad).unwrap();
-            daemon.reload();
-            assert_eq!(daemon.loaded.model_sha256, hash);
-        }
-        fs::remove_file(&file).unwrap();
-        daemon.reload();
-        let last = published(&mut daemon, &sender, &mut arm);
-        assert!((force_n(&last) / weight_n - 1.0).abs() < 0.05, "the old model goes on");
-        // A model of the same arm with other biases gives another wrench: it was really exchanged.
-        let (robot, mut shifted) = (rig(PublishMode::Event), truth(&rig(PublishMode::Event)));
-        for gauge in &mut shifted.gauges {
-            gauge.bias_counts += 3e6;
-        }
-        fs::write(&file, model(&robot, &shifted).to_toml()).unwrap();
-        daemon.reload();
-        assert_ne!(daemon.loaded.model_sha256, hash);
-        let begun = Instant::now();
-        while !daemon.runner.free_retired() {
-            assert!(begun.elapsed() < Duration::from_secs(20), "the cycle does not take it");
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        let next = published(&mut daemon, &sender, &mut arm);
-        assert!(next[0].sequence > last[last.len() - 1].sequence, "the sequence counts on");
-        let forces: Vec<f64> =
-            next.iter().filter_map(|r| Some(r.outcome.ok()?.wrench.force_n.norm())).collect();
-        // The first instants after a start are uncertain by themselves; then the biases tell.
-        let far = forces.iter().skip(50).filter(|force_n| (*force_n / weight_n - 1.0).abs() > 0.5).count();
-        assert!(far > 40 && far == forces.len() - 50, "{far} of {} show the other biases", forces.len());
-        let Supervisor { runner, health, .. } = daemon;
-        runner.stop().unwrap();
-        assert_eq!(health.totals().lost_frames, 0);
-    }
 
     #[test]
     fn a_standing_cycle_does_not_feed_the_watchdog() {

@@ -9,11 +9,9 @@ use std::time::Duration;
 use can::frame::Stamped;
 use can::source::{Batch, Event, Poll, Source};
 use rig::config::PublishMode;
-use rig::model_file::{
-    Components, Encoder, FiveParameter, Frame, ModelFile, NominalAxes, Provenance, Sensor,
-};
+use rig::model_file::{Encoder, ModelFile, Provenance, Sensor};
 use rig::{Config, Rig};
-use sim::{Options, Preset, Scenario, Simulator, Truth};
+use sim::{Options, Preset, Scenario, Simulator, Trajectory, Truth};
 use wrenchd::engine::Now;
 use wrenchd::station::Clock;
 
@@ -36,32 +34,10 @@ pub fn truth(rig: &Rig) -> Truth {
 /// What a perfect calibration would have found.
 pub fn model(rig: &Rig, truth: &Truth) -> ModelFile {
     let sensors = rig.config.sensors.iter().zip(&truth.gauges).map(|(sensor, gauge)| Sensor {
-        name: sensor.name.clone(),
-        section: sensor.section.clone(),
         bias_counts: gauge.bias_counts,
-        bias_sigma_counts: 0.0,
-        noise_floor_counts: gauge.noise.sigma_counts,
         noise_slow_share: gauge.noise.slow_share,
         noise_slow_time_s: gauge.noise.slow_time_s,
-        residual_rms_counts: gauge.noise.sigma_counts,
-        crosstalk_percent: None,
-        crosstalk_length_m: 0.1,
-        covariance: [[0.0; 7]; 7],
-        working_compliance: None,
-        compliance: Components::from_array(<[f64; 6]>::from(gauge.compliance.vector()).map(Some)),
-        compliance_sigma: Components::default(),
-        frame: Frame::default(),
-        frame_sigma: Frame::default(),
-        five_parameter: FiveParameter {
-            r_counts_per_nm: 1.0,
-            a_x_rad: 0.0,
-            a_y_rad: 0.0,
-            l_x_m: 0.0,
-            l_y_m: 0.0,
-            bias_counts: 0.0,
-        },
-        nominal_axes: NominalAxes { k_counts_per_nm: 1.0, bias_counts: 0.0 },
-        unobservable: Vec::new(),
+        ..Sensor::known(&sensor.name, &sensor.section, &gauge.compliance, gauge.noise.sigma_counts)
     });
     let joints =
         rig.chain.coordinate_names().into_iter().zip(&truth.encoders).map(|(name, encoder)| Encoder {
@@ -79,6 +55,7 @@ pub fn model(rig: &Rig, truth: &Truth) -> ModelFile {
             inputs: Vec::new(),
         },
         joints: joints.collect(),
+        arm: None,
         sensors: sensors.collect(),
         fingerprint: rig.fingerprint().clone(),
     }
@@ -88,6 +65,15 @@ pub fn model(rig: &Rig, truth: &Truth) -> ModelFile {
 pub fn simulator(rig: &Rig, rate_hz: f64) -> Simulator {
     let scenario: Scenario = Preset::Holds.scenario(&rig.chain, 3).unwrap();
     let scenario = scenario.with_load(0.4, [0.01, 0.0, 0.05]).unwrap();
+    let options = Options { rate_hz: Some(rate_hz), ..Options::default() };
+    Simulator::new(rig, truth(rig), &scenario, options).unwrap()
+}
+
+/// The simulated arm holding one pose for an hour, with this weight (kg, m) at its tip.
+pub fn holding(rig: &Rig, rate_hz: f64, load: (f64, [f64; 3])) -> Simulator {
+    let mut trajectory = Trajectory::from_pose(vec![0.2, -0.9, 0.8, 0.3, -0.7, 0.4]);
+    trajectory.hold(3600.0);
+    let scenario = Scenario::of_motion(trajectory).with_load(load.0, load.1).unwrap();
     let options = Options { rate_hz: Some(rate_hz), ..Options::default() };
     Simulator::new(rig, truth(rig), &scenario, options).unwrap()
 }

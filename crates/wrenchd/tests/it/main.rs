@@ -4,5 +4,6 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod engine;
+mod orders;
 mod refusals;
 mod station;

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use can::channel::channel;
 use rig::config::PublishMode;
+use wrenchd::desk::desk;
 use wrenchd::engine::Engine;
 use wrenchd::feed::{FeedReader, feed};
 use wrenchd::health::{Health, Totals};
@@ -136,7 +137,10 @@ fn the_thread_turns_and_stops_with_a_last_record() {
     let engine = Engine::new(&rig, &model(&rig, &truth(&rig))).unwrap();
     let sinks = Sinks::new(Vec::new(), writer, health.clone());
     let mut reader = feed.reader();
-    let (runner, refused) = Runner::start(Station::new(Box::new(source), engine, 1000.0, sinks)).unwrap();
+    let (_desk, inbox) = desk();
+    let source: Box<dyn can::source::Source + Send> = Box::new(source);
+    let station = Station::new(source, engine, 1000.0, sinks);
+    let (runner, refused) = Runner::start(station, inbox).unwrap();
     assert!(refused.is_none_or(|refused| refused.contains("SCHED_FIFO")));
     for frame in frames(&rig, 1000.0, 0.2) {
         assert!(sender.send(frame));

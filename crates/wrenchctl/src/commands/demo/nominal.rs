@@ -5,6 +5,7 @@ use can::frame::Stamped;
 use model::estimator::{GaugeCovariance, GaugeModel};
 use model::motion::JointMotion;
 use model::spatial::{Tip, Wrench};
+use model::terms::GaugeTerms;
 use nalgebra::Vector6;
 use rig::cycle::{MotionTracker, Stage};
 use rig::model_file::Sensor;
@@ -70,5 +71,6 @@ fn gauge(sensor: &Sensor) -> GaugeModel {
         covariance: GaugeCovariance::zeros(),
         assumed: None,
         noise_counts2: (k * EQUAL_NM).powi(2).max(f64::MIN_POSITIVE),
+        terms: GaugeTerms::default(),
     }
 }

@@ -3,12 +3,20 @@
 //! The stored truth is each gauge's compliance vector, bias and their covariance; the actual sensing frame, the crosstalk
 //! and all else are derived from it and stand there for the reader. A quantity that the data did not determine is absent.
 
+mod arm;
+mod known;
+mod terms;
+
 use std::path::Path;
 
-use model::estimator::{GaugeCovariance, GaugeModel};
+pub use arm::{Arm, ArmDeviation, ArmJoint, MOST_DEVIATIONS};
+use model::chain::Chain;
+use model::estimator::{ArmModel, GaugeCovariance, GaugeModel};
 use model::sensing::{ActualFrame, Compliance};
 use nalgebra::{Matrix6, Vector6};
 use serde::{Deserialize, Serialize};
+
+pub use terms::{EffectShape, SensorTerm};
 
 use crate::Rig;
 use crate::binding::Fingerprint;
@@ -26,6 +34,9 @@ pub struct ModelFile {
     /// Encoders, one a coordinate from base to tip.
     #[serde(rename = "joint")]
     pub joints: Vec<Encoder>,
+    /// What the arm has other than its URDF; absent where nothing was worth correcting.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub arm: Option<Arm>,
     /// Gauges in the configuration's order.
     #[serde(rename = "sensor")]
     pub sensors: Vec<Sensor>,
@@ -136,7 +147,8 @@ pub struct Sensor {
     /// Length that compares N with Nm in the crosstalk, m.
     pub crosstalk_length_m: f64,
     /// Covariance of fx fy fz (counts/N), tx ty tz (counts/Nm) and bias (counts), in that order; where something is
-    /// unobservable, with the width that is assumed there.
+    /// unobservable, with the width that is assumed there; where the arm was calibrated too, without directions in which arm
+    /// and gauges move together and no prediction moves.
     pub covariance: [[f64; 7]; 7],
     /// What the estimator uses where something is unobservable: `compliance` with the unseen directions at zero.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -153,9 +165,23 @@ pub struct Sensor {
     pub five_parameter: FiveParameter,
     /// Baseline: no crosstalk correction, `z = k t_z + b` on the same samples.
     pub nominal_axes: NominalAxes,
+    /// Reading that the terms take as the middle, counts.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub centre_counts: f64,
+    /// Change of reading that the terms take as one, counts.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub scale_counts: f64,
+    /// What the gauge adds to its readings beside the load's share.
+    #[serde(rename = "term", default, skip_serializing_if = "Vec::is_empty")]
+    pub terms: Vec<SensorTerm>,
     /// Directions that the data could not see.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unobservable: Vec<Unobservable>,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// A direction of load to which a gauge's sensitivity is unknown.
@@ -261,10 +287,26 @@ impl Sensor {
         GaugeModel {
             compliance: self.working(),
             bias_counts: self.bias_counts,
-            covariance: GaugeCovariance::from_fn(|i, k| self.covariance[i][k]),
+            covariance: self.whole_covariance(),
             assumed: self.assumed(),
             noise_counts2: self.noise_floor_counts.powi(2),
+            terms: terms::gauge_terms(self.centre_counts, self.scale_counts, &self.terms),
         }
+    }
+
+    /// Covariance of compliance, bias and terms, all that is uncertain about them included.
+    fn whole_covariance(&self) -> GaugeCovariance {
+        let mut whole = GaugeCovariance::zeros();
+        for (i, row) in self.covariance.iter().enumerate() {
+            row.iter().enumerate().for_each(|(k, value)| whole[(i, k)] = *value);
+        }
+        for (i, term) in self.terms.iter().enumerate() {
+            for (k, value) in term.covariance.iter().enumerate().take(8 + i) {
+                whole[(7 + i, k)] = *value;
+                whole[(k, 7 + i)] = *value;
+            }
+        }
+        whole
     }
 
     /// Covariance of the compliance that is assumed for lack of data; counts/N, counts/Nm.
@@ -293,6 +335,10 @@ impl ModelFile {
                 format!("its [[joint]] tables are not those of the arm, {names}; calibrate this arm");
             return Err(RigError::of_file(file, problem));
         }
+        if let Some(arm) = &model.arm {
+            arm.check_chain(&rig.chain)
+                .map_err(|problem| RigError::of_file(file, format!("{problem}; calibrate this arm")))?;
+        }
         Ok(model)
     }
 
@@ -313,9 +359,24 @@ impl ModelFile {
         )
     }
 
-    /// The gauges as the estimator takes them.
+    /// The gauges as the estimator takes them: what the arm's deviations say of them is not said twice.
     pub fn gauges(&self) -> Vec<GaugeModel> {
-        self.sensors.iter().map(Sensor::gauge).collect()
+        let mut gauges: Vec<GaugeModel> = self.sensors.iter().map(Sensor::gauge).collect();
+        for deviation in self.arm.iter().flat_map(|arm| &arm.deviations) {
+            for (index, gauge) in gauges.iter_mut().enumerate() {
+                let part = nalgebra::SVector::from(deviation.gauge(index));
+                gauge.covariance -= part * part.transpose();
+            }
+        }
+        gauges
+    }
+
+    /// The arm as calibrated, `chain` being the URDF's, and what the estimator takes beside it.
+    pub fn arm(&self, chain: &Chain) -> (Chain, ArmModel) {
+        match &self.arm {
+            Some(arm) => (arm.correction().apply(chain), arm.model(chain)),
+            None => (chain.clone(), ArmModel::default()),
+        }
     }
 
     /// Encoder of a coordinate.
@@ -331,6 +392,17 @@ impl ModelFile {
             sensor.check().map_err(|problem| format!("sensor \"{}\": {problem}", sensor.name))?;
             if (&sensor.name, &sensor.section) != (&print.name, &print.section) {
                 return Err(format!("sensor \"{}\" is not the one in its fingerprint", sensor.name));
+            }
+        }
+        if let Some(arm) = &self.arm {
+            arm.check(&self.sensors.iter().map(|s| s.terms.len()).collect::<Vec<_>>())?;
+        }
+        for (sensor, gauge) in self.sensors.iter().zip(self.gauges()) {
+            if !is_covariance(&gauge.covariance, &sensor.whole_covariance()) {
+                let name = &sensor.name;
+                return Err(format!(
+                    "[arm] a deviation says more than the gauge's covariance of sensor \"{name}\""
+                ));
             }
         }
         for joint in &self.joints {
@@ -351,20 +423,45 @@ impl Sensor {
         if !(self.noise_floor_counts > 0.0 && self.noise_floor_counts.is_finite()) {
             return Err(format!("noise_floor_counts = {} is not positive", self.noise_floor_counts));
         }
+        if !(0.0..=1.0).contains(&self.noise_slow_share) {
+            return Err(format!("noise_slow_share = {} is not between 0 and 1", self.noise_slow_share));
+        }
+        for (key, value) in [
+            ("noise_slow_time_s", self.noise_slow_time_s),
+            ("bias_sigma_counts", self.bias_sigma_counts),
+            ("residual_rms_counts", self.residual_rms_counts),
+        ] {
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(format!("{key} = {value} is negative or not finite"));
+            }
+        }
+        terms::check(self.scale_counts, &self.terms)?;
         if !self.bias_counts.is_finite() || !self.working().iter().all(|c| c.is_finite()) {
             return Err("compliance or bias is not a finite number".into());
         }
-        let covariance = GaugeCovariance::from_fn(|i, k| self.covariance[i][k]);
-        if !covariance.iter().all(|c| c.is_finite()) {
+        if !self.covariance.iter().flatten().all(|c| c.is_finite()) {
             return Err("the covariance has a number that is not finite".into());
         }
+        let covariance = self.whole_covariance();
         let lopsided = (covariance - covariance.transpose()).amax() > 1e-9 * covariance.amax();
         if lopsided || covariance.diagonal().iter().any(|v| *v < 0.0) {
             return Err("the covariance is not symmetric with a positive diagonal".into());
+        }
+        if !is_covariance(&covariance, &covariance) {
+            return Err("the covariance is none: some combination has a negative variance".into());
         }
         if self.unobservable.is_empty() && self.compliance.array().contains(&None) {
             return Err("a component of the compliance is missing, and nothing is called unobservable".into());
         }
         Ok(())
     }
+}
+
+/// Whether no combination has a negative variance, but for rounding of the text; `scale` has the size of the numbers.
+fn is_covariance(matrix: &GaugeCovariance, scale: &GaugeCovariance) -> bool {
+    let scale = scale.diagonal().map(|v| if v > 0.0 { v.sqrt().recip() } else { 0.0 });
+    let correlation = GaugeCovariance::from_fn(|i, k| matrix[(i, k)] * scale[i] * scale[k]);
+    let mut certain = (0..scale.len()).filter(|k| scale[*k] == 0.0);
+    let loose = certain.any(|k| matrix.row(k).amax() > 0.0);
+    !loose && correlation.symmetric_eigenvalues().min() > -1e-6
 }

@@ -1,0 +1,111 @@
+//! Small answers over HTTP to clients that are not trusted: few connections, short requests, little time.
+
+use std::net::{IpAddr, TcpListener};
+use std::sync::Arc;
+use std::time::Duration;
+
+use http_body_util::Full;
+use hyper::body::{Bytes, Incoming};
+use hyper::header::{ALLOW, CACHE_CONTROL, CONTENT_TYPE, HeaderValue, X_CONTENT_TYPE_OPTIONS};
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper::{Method, Request, Response, StatusCode};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::sync::Semaphore;
+
+use super::Server;
+
+/// Connections at a time; who comes beyond them is turned away.
+const CONNECTIONS: usize = 32;
+/// Longest head of a request, bytes.
+const HEAD_BYTES: usize = 8192;
+/// How long a request may take to arrive.
+const HEAD_LIMIT: Duration = Duration::from_secs(5);
+/// How long a connection may last: a client that reads slowly, or asks on and on, has to come again.
+const CONNECTION_LIMIT: Duration = Duration::from_secs(30);
+
+/// One answer.
+#[derive(Clone, Debug)]
+pub(crate) struct Answer {
+    pub(crate) status: StatusCode,
+    pub(crate) content_type: &'static str,
+    pub(crate) body: Bytes,
+}
+
+impl Answer {
+    /// 200 with a body.
+    pub(crate) fn ok(content_type: &'static str, body: impl Into<Bytes>) -> Self {
+        Self { status: StatusCode::OK, content_type, body: body.into() }
+    }
+
+    /// A status with a line of text.
+    pub(crate) fn text(status: StatusCode, line: &str) -> Self {
+        Self { status, content_type: "text/plain; charset=utf-8", body: format!("{line}\n").into() }
+    }
+}
+
+/// Answers a path.
+pub(crate) type Answerer = Arc<dyn Fn(&str) -> Answer + Send + Sync>;
+
+/// Serves GET and HEAD on a listener, to the addresses that `allow` accepts.
+pub(crate) fn serve(
+    listener: TcpListener,
+    allow: impl Fn(IpAddr) -> bool + Send + 'static,
+    answerer: Answerer,
+) -> Server {
+    Box::pin(async move {
+        let listener = match tokio::net::TcpListener::from_std(listener) {
+            Ok(listener) => listener,
+            Err(error) => return tracing::error!("HTTP is not served: {error}"),
+        };
+        let places = Arc::new(Semaphore::new(CONNECTIONS));
+        loop {
+            let (stream, peer) = match listener.accept().await {
+                Ok(accepted) => accepted,
+                // Out of descriptors or a connection that died in the queue: both pass.
+                Err(error) => {
+                    tracing::debug!("HTTP connection: {error}");
+                    tokio::time::sleep(Duration::from_millis(100)).await;
+                    continue;
+                }
+            };
+            let Ok(place) = places.clone().try_acquire_owned() else { continue };
+            if !allow(peer.ip()) {
+                continue;
+            }
+            let answerer = answerer.clone();
+            tokio::spawn(async move {
+                let service = service_fn(move |request| {
+                    let response = respond(&request, &answerer);
+                    async move { Ok::<_, std::convert::Infallible>(response) }
+                });
+                let connection = http1::Builder::new()
+                    .timer(TokioTimer::new())
+                    .header_read_timeout(HEAD_LIMIT)
+                    .max_buf_size(HEAD_BYTES)
+                    .serve_connection(TokioIo::new(stream), service);
+                // A client's faults are its own: they end its connection, nothing else.
+                let _ = tokio::time::timeout(CONNECTION_LIMIT, connection).await;
+                drop(place);
+            });
+        }
+    })
+}
+
+fn respond(request: &Request<Incoming>, answerer: &Answerer) -> Response<Full<Bytes>> {
+    let readable = [Method::GET, Method::HEAD].contains(request.method());
+    let answer = match readable {
+        true => answerer(request.uri().path()),
+        false => Answer::text(StatusCode::METHOD_NOT_ALLOWED, "this is read-only: GET or HEAD"),
+    };
+    let mut response = Response::new(Full::new(answer.body));
+    *response.status_mut() = answer.status;
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static(answer.content_type));
+    headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    if !readable {
+        headers.insert(ALLOW, HeaderValue::from_static("GET, HEAD"));
+    }
+    response
+}

@@ -1,0 +1,149 @@
+//! Everything that talks to the world from outside the cycle: what it shares, its sockets, and HTTP.
+//!
+//! It all runs on the main thread, reads the feed, the board and the counters, and gives orders through the desk; however slow
+//! or hostile a client is, the cycle does not notice.
+
+pub(crate) mod http;
+pub(crate) mod ports;
+
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use tokio::sync::{mpsc, oneshot, watch};
+
+use crate::board::Board;
+use crate::desk::Desk;
+use crate::feed::Feed;
+use crate::health::{Health, Totals};
+use crate::output::rdt;
+use crate::published::Published;
+use crate::realtime::SystemClock;
+use crate::station::Clock;
+use crate::view::{DaemonStatus, Live};
+
+/// Something that serves clients until it is dropped.
+pub type Server = Pin<Box<dyn Future<Output = ()> + Send>>;
+
+/// Asks for a reload; what became of it comes back, in words.
+pub(crate) type ReloadRequest = oneshot::Sender<Result<String, String>>;
+
+/// The cycle is taken to stand still when it has published nothing for so long: it speaks even of silence more often.
+const STANDSTILL: Duration = Duration::from_secs(1);
+
+/// What runs, as far as clients may know it.
+#[derive(Debug)]
+pub(crate) struct Robot {
+    pub(crate) config: String,
+    pub(crate) model: String,
+    pub(crate) model_sha256: String,
+    pub(crate) mode: &'static str,
+    pub(crate) rate_hz: f64,
+    /// Names of the gauges, in the board's order.
+    pub(crate) gauges: Vec<String>,
+    pub(crate) board: Arc<Board>,
+}
+
+/// How fast it goes, measured over about a second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pulse {
+    pub(crate) published_hz: f64,
+    pub(crate) frames_hz: f64,
+    /// Since when nothing has been published, if so.
+    published_at: Instant,
+    measured_at: Instant,
+    measured: Totals,
+    published: u64,
+}
+
+impl Pulse {
+    pub(crate) fn new() -> Self {
+        let now = Instant::now();
+        Self {
+            published_hz: 0.0,
+            frames_hz: 0.0,
+            published_at: now,
+            measured_at: now,
+            measured: Totals::default(),
+            published: 0,
+        }
+    }
+
+    /// Looks at the counters again.
+    pub(crate) fn beat(&mut self, totals: &Totals) {
+        let now = Instant::now();
+        if totals.published != self.published {
+            (self.published, self.published_at) = (totals.published, now);
+        }
+        let passed = now - self.measured_at;
+        if passed >= Duration::from_secs(1) {
+            let new = totals.since(&self.measured);
+            self.published_hz = new.published as f64 / passed.as_secs_f64();
+            self.frames_hz = new.frames as f64 / passed.as_secs_f64();
+            (self.measured, self.measured_at) = (*totals, now);
+        }
+    }
+
+    fn stands_still(&self) -> bool {
+        self.published_at.elapsed() > STANDSTILL
+    }
+}
+
+/// What every server can look at and do.
+#[derive(Clone, Debug)]
+pub struct Shared {
+    pub(crate) feed: Feed,
+    pub(crate) health: Arc<Health>,
+    pub(crate) desk: Arc<Desk>,
+    pub(crate) robot: watch::Receiver<Arc<Robot>>,
+    pub(crate) pulse: watch::Receiver<Pulse>,
+    pub(crate) reloads: mpsc::Sender<ReloadRequest>,
+    pub(crate) rdt: Arc<rdt::Stream>,
+    pub(crate) started: Instant,
+}
+
+impl Shared {
+    /// The newest record as clients see it.
+    pub(crate) fn live(&self) -> Option<Live> {
+        let robot = self.robot.borrow().clone();
+        let now = SystemClock.now().monotonic_ns;
+        self.feed.newest().map(|record| Live::new(&record, &robot.board, &robot.gauges, now))
+    }
+
+    /// The newest record if it has a wrench and the cycle goes on; else why not.
+    pub(crate) fn healthy(&self) -> Result<Published, String> {
+        if self.pulse.borrow().stands_still() {
+            return Err("the real-time cycle stands still".to_owned());
+        }
+        let record = self.feed.newest().ok_or("nothing has been published yet")?;
+        record.outcome.map_or_else(|why| Err(why.to_string()), |_| Ok(record))
+    }
+
+    /// The daemon as a whole.
+    pub(crate) fn status(&self) -> DaemonStatus {
+        let (robot, pulse) = (self.robot.borrow().clone(), *self.pulse.borrow());
+        DaemonStatus {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            config: robot.config.clone(),
+            model: robot.model.clone(),
+            model_sha256: robot.model_sha256.clone(),
+            mode: robot.mode.to_owned(),
+            rate_hz: robot.rate_hz,
+            uptime_s: self.started.elapsed().as_secs_f64(),
+            published_hz: pulse.published_hz,
+            frames_hz: pulse.frames_hz,
+            latency_p99_s: self.health.latency.read().quantile_s(0.99),
+            totals: self.health.named().map(|counter| (counter.name.to_owned(), counter.value)).collect(),
+            live: self.live(),
+        }
+    }
+
+    /// Reads configuration and model again; what became of it, in words.
+    pub(crate) async fn reload(&self) -> Result<String, String> {
+        let (answer, answered) = oneshot::channel();
+        let gone = |_| "the daemon is stopping".to_owned();
+        self.reloads.send(answer).await.map_err(|_| gone(()))?;
+        answered.await.map_err(|_| gone(()))?
+    }
+}
