@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::bootstrap::{Bootstrap, quantile, weighted};
 use crate::candidates::{Choice, sum_of_difference, without};
 use crate::diagnosis::{Finding, Parameter};
-use crate::effects::{CATALOGUE, Place, Role};
+use crate::effects::{CATALOGUE, Fitted, Place, Role};
 use crate::fit::{Design, Fold};
 use crate::library::{Library, TermId};
 use crate::refine::shape_sigma;
@@ -192,6 +192,19 @@ pub(crate) fn describe(
             let sigma = if k == 0 { shape_sigma(library, terms, index, blocks) } else { None };
             let value = Parameter { value: term.shape[k], sigma, unit: (*unit).to_owned() };
             finding.parameters.insert(name(parameter), value);
+        }
+        let range = design.offsets[index]..design.offsets[index] + term.width();
+        let fitted = Fitted {
+            place: term.place,
+            shape: &term.shape,
+            values: &values.as_slice()[range.clone()],
+            sigmas: &sigmas.as_slice()[range],
+        };
+        if let Some(reported) = CATALOGUE[effect].report(library.session, &fitted) {
+            for (parameter, value, sigma, unit) in reported {
+                finding.parameters.insert(name(&parameter), Parameter { value, sigma, unit });
+            }
+            continue;
         }
         for (k, heading) in term.columns.iter().enumerate() {
             let at = design.offsets[index] + k;

@@ -3,6 +3,7 @@
 //! Residuals of neighbouring instants are alike, so what is drawn is a block of neighbours (H. Künsch, Annals of
 //! Statistics 17, 1989), and what is left out is a whole recording, or a tenth of one.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::session::HoldOut;
@@ -69,7 +70,44 @@ pub(crate) fn by_point(rows: usize) -> HoldOut {
     let block_of_row = (0..rows).map(|row| (row % folds) * per_fold + (row / folds) % per_fold).collect();
     let units = (0..folds).map(|fold| format!("fold {}", fold + 1)).collect();
     let words = "points without time order: ten interleaved folds left out in turn".to_owned();
-    HoldOut { units, reserved: Vec::new(), unit_of_block, block_of_row, words }
+    HoldOut { units, reserved: Vec::new(), unit_of_block, block_of_row, is_even: Vec::new(), words }
+}
+
+/// The division of runs by second: what two repeats do at the same time is one block, a block is the even or the odd seconds
+/// of a stretch.
+pub(crate) fn by_second(recordings: &[Recording], time_s: &[f64]) -> HoldOut {
+    if recordings.len() == 1 {
+        return seconds_of(by_time(time_s.len()), &[0..time_s.len()], time_s);
+    }
+    let rows: Vec<Range<usize>> = recordings.iter().map(|recording| recording.rows.clone()).collect();
+    seconds_of(by_recording(recordings, &[]), &rows, time_s)
+}
+
+/// Cuts units into blocks of even and odd seconds.
+fn seconds_of(coarse: HoldOut, recordings: &[Range<usize>], time_s: &[f64]) -> HoldOut {
+    let total_s: f64 = recordings.iter().map(|rows| time_s[rows.end - 1] - time_s[rows.start]).sum();
+    let stretch_s = 2.0 * (total_s / BLOCKS as f64 / 2.0).round().max(1.0);
+    let mut blocks: BTreeMap<(usize, u64, bool), usize> = BTreeMap::new();
+    let mut keys = Vec::with_capacity(time_s.len());
+    for rows in recordings {
+        for row in rows.clone() {
+            let unit = coarse.unit_of_block[coarse.block_of_row[row]];
+            let since_s = time_s[row] - time_s[rows.start];
+            let is_even = (since_s as u64).is_multiple_of(2);
+            // The tenths of a single recording need no common clock, recordings that repeat each other do.
+            keys.push((unit, (since_s / stretch_s) as u64, is_even));
+        }
+    }
+    keys.iter().for_each(|key| {
+        blocks.insert(*key, 0);
+    });
+    blocks.values_mut().enumerate().for_each(|(index, block)| *block = index);
+    HoldOut {
+        unit_of_block: blocks.keys().map(|key| key.0).collect(),
+        is_even: blocks.keys().map(|key| key.2).collect(),
+        block_of_row: keys.iter().map(|key| blocks[key]).collect(),
+        ..coarse
+    }
 }
 
 fn divide(
@@ -80,7 +118,14 @@ fn divide(
 ) -> HoldOut {
     let wanted = (BLOCKS / units.len().max(1)).max(FEWEST_BLOCKS_A_UNIT);
     let mut division =
-        HoldOut { units, reserved, unit_of_block: Vec::new(), block_of_row: Vec::new(), words };
+        HoldOut {
+        units,
+        reserved,
+        unit_of_block: Vec::new(),
+        block_of_row: Vec::new(),
+        is_even: Vec::new(),
+        words,
+    };
     for (unit, rows) in parts {
         let first = division.unit_of_block.iter().position(|known| known == unit);
         let first = first.unwrap_or_else(|| {

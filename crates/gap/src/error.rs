@@ -19,4 +19,19 @@ pub enum Error {
         /// Fact, value and what to do.
         problem: String,
     },
+    /// Runs that can be read but not diagnosed.
+    #[error("{what}: {problem}")]
+    Run {
+        /// The run.
+        what: String,
+        /// Fact, value and what to do.
+        problem: String,
+    },
+}
+
+impl Error {
+    /// A problem of a run.
+    pub(crate) fn run(what: impl std::fmt::Display, problem: &str) -> Self {
+        Self::Run { what: what.to_string(), problem: problem.to_owned() }
+    }
 }

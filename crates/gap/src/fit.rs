@@ -27,6 +27,10 @@ pub(crate) struct Design {
     blocks: Vec<(DMatrix<f64>, DVector<f64>)>,
     squared: Vec<f64>,
     block_values: f64,
+    /// Columns that exist in one unit only, with the unit.
+    events: Vec<(usize, usize)>,
+    /// Per block its unit, and whether what exists in that unit only may be fitted on it.
+    places: Vec<(usize, bool)>,
 }
 
 impl Design {
@@ -34,8 +38,10 @@ impl Design {
     pub(crate) fn new(library: &Library<'_>, terms: &[TermId]) -> Self {
         let mut offsets = vec![0];
         let (mut pinned, mut prior, mut ranges) = (Vec::new(), Vec::new(), Vec::new());
+        let mut events = Vec::new();
         for &id in terms {
             for column in &library.terms[id].columns {
+                events.extend(column.unit_only.map(|unit| (pinned.len(), unit)));
                 pinned.push(column.role == Role::Pinned);
                 prior.push(column.plausible.powi(-2));
                 ranges.push(column.range);
@@ -65,7 +71,19 @@ impl Design {
             }
         }
         let block_values = library.counts.iter().sum::<f64>() / count.max(1) as f64;
-        Self { offsets, pinned, prior, ranges, blocks, squared: library.squared.clone(), block_values }
+        let hold_out = &library.session.hold_out;
+        let places = hold_out.unit_of_block.iter().enumerate().map(|(k, unit)| (*unit, hold_out.is_even(k)));
+        Self {
+            offsets,
+            pinned,
+            prior,
+            ranges,
+            blocks,
+            squared: library.squared.clone(),
+            block_values,
+            events,
+            places: places.collect(),
+        }
     }
 
     /// Number of columns.
@@ -142,6 +160,46 @@ impl Design {
         (self.squared[block] - 2.0 * right.dot(parameters) + bilinear).max(0.0)
     }
 
+    /// Parameters that a fold's fitted blocks ask for; of what exists in a left-out unit only, those that its even seconds do.
+    pub(crate) fn solve_fold(&self, fold: &Fold) -> DVector<f64> {
+        let mut parameters = self.solve(&fold.fit);
+        self.fit_events(fold, &mut parameters);
+        parameters
+    }
+
+    fn fit_events(&self, fold: &Fold, parameters: &mut DVector<f64>) {
+        let mut units: Vec<usize> = self.events.iter().map(|(_, unit)| *unit).collect();
+        units.sort_unstable();
+        units.dedup();
+        for unit in units {
+            let here: Vec<usize> =
+                fold.score.iter().copied().filter(|block| self.places[*block] == (unit, true)).collect();
+            if here.is_empty() {
+                continue;
+            }
+            let own = |column: &&(usize, usize)| column.1 == unit && !self.pinned[column.0];
+            let columns: Vec<usize> = self.events.iter().filter(own).map(|(column, _)| *column).collect();
+            columns.iter().for_each(|column| parameters[*column] = 0.0);
+            let (normal, right) = self.sum(&here);
+            let rest = right - &normal * &*parameters;
+            let Some(factor) = self.regular(&normal, &columns).cholesky() else { continue };
+            let rest = DVector::from_fn(columns.len(), |k, _| rest[columns[k]]);
+            for (column, value) in columns.iter().zip(factor.solve(&rest).iter()) {
+                parameters[*column] = *value;
+            }
+        }
+    }
+
+    /// Normal matrix and right side of all columns on these blocks, those of a fixed size included.
+    pub(crate) fn sums(&self, blocks: &[usize]) -> (DMatrix<f64>, DVector<f64>) {
+        self.sum(blocks)
+    }
+
+    /// Right side of a block.
+    pub(crate) fn block(&self, block: usize) -> &(DMatrix<f64>, DVector<f64>) {
+        &self.blocks[block]
+    }
+
     /// Squared residual of every scored block of the folds, 0 elsewhere, each fold fitted on its own blocks.
     pub(crate) fn left_out(&self, folds: &[Fold]) -> Vec<f64> {
         let mut out = vec![0.0; self.squared.len()];
@@ -149,13 +207,14 @@ impl Design {
         let all: Vec<usize> = folds.iter().flat_map(|fold| fold.score.iter().copied()).collect();
         let total = (folds.len() > 1).then(|| self.sum(&all));
         for fold in folds {
-            let parameters = match &total {
+            let mut parameters = match &total {
                 Some((normal, right)) => {
                     let own = self.sum(&fold.score);
                     self.solve_sums(&(normal - own.0), &(right - own.1))
                 }
                 None => self.solve(&fold.fit),
             };
+            self.fit_events(fold, &mut parameters);
             for &block in &fold.score {
                 out[block] = self.residual(block, &parameters);
             }

@@ -24,7 +24,9 @@ pub(crate) fn training(hold_out: &HoldOut, fit: &[usize], floor: f64) -> Trainin
     units.dedup();
     units.sort_unstable();
     units.dedup();
-    let folds = if units.len() > 1 {
+    let folds = if !hold_out.is_even.is_empty() {
+        stretches(hold_out, fit, &units)
+    } else if units.len() > 1 {
         let inside = |blocks: Vec<usize>| blocks.into_iter().filter(|block| fit.contains(block)).collect();
         leave_out(hold_out, &units)
             .into_iter()
@@ -44,6 +46,22 @@ pub(crate) fn training(hold_out: &HoldOut, fit: &[usize], floor: f64) -> Trainin
             .collect()
     };
     Training { blocks: fit.to_vec(), folds, floor }
+}
+
+/// Parts of every unit for the folds inside runs: few runs have a load or a motion of their own, and what only one of them shows
+/// could otherwise be neither fitted nor judged.
+const PARTS: usize = 5;
+
+/// Folds of contiguous stretches, one of every unit.
+fn stretches(hold_out: &HoldOut, fit: &[usize], units: &[usize]) -> Vec<Fold> {
+    let mut part_of = vec![0; hold_out.unit_of_block.len()];
+    for unit in units {
+        let own: Vec<usize> =
+            fit.iter().copied().filter(|block| hold_out.unit_of_block[*block] == *unit).collect();
+        own.iter().enumerate().for_each(|(k, block)| part_of[*block] = k * PARTS / own.len());
+    }
+    let of = |part: usize, is: bool| fit.iter().copied().filter(|b| (part_of[*b] == part) == is).collect();
+    (0..PARTS).map(|part| Fold { fit: of(part, false), score: of(part, true) }).collect()
 }
 
 fn blocks(hold_out: &HoldOut) -> impl Iterator<Item = usize> {
@@ -71,7 +89,14 @@ mod tests {
 
     fn hold_out(unit_of_block: Vec<usize>, reserved: Vec<usize>) -> HoldOut {
         let units = (0..3).map(|k| k.to_string()).collect();
-        HoldOut { units, reserved, block_of_row: Vec::new(), unit_of_block, words: String::new() }
+        HoldOut {
+            units,
+            reserved,
+            block_of_row: Vec::new(),
+            unit_of_block,
+            is_even: Vec::new(),
+            words: String::new(),
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! blocks. Everything is in units of the channels' scales.
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::rc::Rc;
 
 use crate::effects::{CATALOGUE, Column, Place, Role, Shape};
@@ -12,6 +13,8 @@ use crate::session::Session;
 
 /// So many times its plausible range no parameter is.
 const IMPLAUSIBLE: f64 = 4.0;
+/// In place of an effect's index: a direction in which the simulation is uncertain.
+const DOUBT: usize = usize::MAX;
 /// Columns that are kept rather than computed again, bytes.
 const KEPT_BYTES: usize = 120 << 20;
 
@@ -38,6 +41,8 @@ pub(crate) struct Heading {
     pub(crate) unit: String,
     pub(crate) role: Role,
     pub(crate) plausible: f64,
+    /// The only unit that it exists in, for an event.
+    pub(crate) unit_only: Option<usize>,
     /// What the parameter may be.
     pub(crate) range: [f64; 2],
 }
@@ -52,6 +57,11 @@ impl Term {
     pub(crate) fn freedom(&self) -> usize {
         let fitted = self.columns.iter().filter(|column| column.role != Role::Pinned).count();
         fitted + self.shape.len()
+    }
+
+    /// Whether any of it exists in one unit only.
+    pub(crate) fn is_event(&self) -> bool {
+        self.columns.iter().any(|column| column.unit_only.is_some())
     }
 
     pub(crate) fn touches(&self, other: &Self) -> bool {
@@ -88,6 +98,9 @@ pub(crate) struct Library<'a> {
     pairs: HashMap<(TermId, TermId), Rc<Products>>,
     kept: HashMap<TermId, Rc<Vec<Column>>>,
     kept_bytes: usize,
+    /// Terms of the simulation's own uncertainty, each of standard deviation one.
+    pub(crate) doubts: Vec<TermId>,
+    spans: Vec<Span>,
 }
 
 impl<'a> Library<'a> {
@@ -98,10 +111,12 @@ impl<'a> Library<'a> {
         for channel in &session.channels {
             for (gap, block) in channel.gap.iter().zip(&session.hold_out.block_of_row) {
                 squared[*block] += (gap / channel.scale).powi(2);
-                counts[*block] += 1.0;
+            }
+            for (row, block) in session.hold_out.block_of_row.iter().enumerate() {
+                counts[*block] += f64::from(u8::from(channel.is_read(row)));
             }
         }
-        Self {
+        let mut library = Self {
             session,
             terms: Vec::new(),
             squared,
@@ -110,7 +125,21 @@ impl<'a> Library<'a> {
             pairs: HashMap::new(),
             kept: HashMap::new(),
             kept_bytes: 0,
+            doubts: Vec::new(),
+            spans: spans(&session.hold_out.block_of_row),
+        };
+        for index in 0..session.doubts.len() {
+            let columns = library.doubt(index);
+            let id = library.add(DOUBT, Place::Base, &[index as f64], columns);
+            library.doubts.extend(id);
         }
+        library
+    }
+
+    /// A direction in which the simulation is uncertain, as a column.
+    fn doubt(&self, index: usize) -> Vec<Column> {
+        let parts = self.session.doubts[index].parts.clone();
+        scaled(self.session, vec![Column::of_parts("", "1", 1.0, parts)])
     }
 
     /// The term of an effect; nothing where it does not show in this data.
@@ -126,6 +155,16 @@ impl<'a> Library<'a> {
 
     fn make(&mut self, effect: usize, place: Place, shape: &[f64]) -> Option<TermId> {
         let columns = scaled(self.session, CATALOGUE[effect].columns(self.session, place, shape));
+        self.add(effect, place, shape, columns)
+    }
+
+    fn add(
+        &mut self,
+        effect: usize,
+        place: Place,
+        shape: &[f64],
+        columns: Vec<Column>,
+    ) -> Option<TermId> {
         let informative = |column: &Column| {
             let size = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
             column.parts.iter().map(|(_, v)| size(v)).sum::<f64>() > 1e-18 * self.session.rows() as f64
@@ -142,10 +181,11 @@ impl<'a> Library<'a> {
             unit: c.unit.clone(),
             role: c.role,
             plausible: c.plausible,
+            unit_only: c.unit_only,
             range: [if c.is_positive { 0.0 } else { -IMPLAUSIBLE * c.plausible }, IMPLAUSIBLE * c.plausible],
         };
-        let own = products(self.session, &columns, &columns);
-        let gap = with_gap(self.session, &columns);
+        let own = products(self.session, &self.spans, &columns, &columns);
+        let gap = with_gap(self.session, &self.spans, &columns);
         let id = self.terms.len();
         self.terms.push(Term {
             effect,
@@ -178,6 +218,9 @@ impl<'a> Library<'a> {
             return columns.clone();
         }
         let term = &self.terms[id];
+        if term.effect == DOUBT {
+            return Rc::new(self.doubt(term.shape[0] as usize));
+        }
         Rc::new(scaled(self.session, CATALOGUE[term.effect].columns(self.session, term.place, &term.shape)))
     }
 
@@ -193,7 +236,7 @@ impl<'a> Library<'a> {
                 let columns = columns.get_or_insert_with(|| self.columns(a)).clone();
                 let other = self.columns(b);
                 let (first, second) = if a < b { (columns, other) } else { (other, columns) };
-                self.pairs.insert(key, Rc::new(products(self.session, &first, &second)));
+                self.pairs.insert(key, Rc::new(products(self.session, &self.spans, &first, &second)));
             }
         }
     }
@@ -209,22 +252,57 @@ impl<'a> Library<'a> {
 
 fn scaled(session: &Session, mut columns: Vec<Column>) -> Vec<Column> {
     for (channel, values) in columns.iter_mut().flat_map(|column| &mut column.parts) {
-        let factor = 1.0 / session.channels[*channel].scale;
+        let channel = &session.channels[*channel];
+        let factor = 1.0 / channel.scale;
         values.iter_mut().for_each(|value| *value *= factor);
+        for (value, read) in values.iter_mut().zip(&channel.read) {
+            *value *= f64::from(u8::from(*read));
+        }
     }
     columns
 }
 
-fn products(session: &Session, some: &[Column], others: &[Column]) -> Products {
+/// Rows one after the other in one block.
+struct Span {
+    block: usize,
+    rows: Range<usize>,
+}
+
+fn spans(block_of_row: &[usize]) -> Vec<Span> {
+    let mut spans: Vec<Span> = Vec::new();
+    for (row, &block) in block_of_row.iter().enumerate() {
+        match spans.last_mut() {
+            Some(last) if last.block == block => last.rows.end = row + 1,
+            _ => spans.push(Span { block, rows: row..row + 1 }),
+        }
+    }
+    spans
+}
+
+/// Scalar product in eight independent sums, which a processor adds side by side.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    const LANES: usize = 8;
+    let mut sums = [0.0; LANES];
+    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let rest: f64 = a_chunks.remainder().iter().zip(b_chunks.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in a_chunks.zip(b_chunks) {
+        for lane in 0..LANES {
+            sums[lane] += x[lane] * y[lane];
+        }
+    }
+    rest + sums.iter().sum::<f64>()
+}
+
+fn products(session: &Session, spans: &[Span], some: &[Column], others: &[Column]) -> Products {
     let (rows, columns, blocks) = (some.len(), others.len(), session.blocks());
     let mut values = vec![0.0; rows * columns * blocks];
-    let block_of_row = &session.hold_out.block_of_row;
     for (r, a) in some.iter().enumerate() {
         for (c, b) in others.iter().enumerate() {
             for (channel, left) in &a.parts {
                 for (_, right) in b.parts.iter().filter(|(other, _)| other == channel) {
-                    for ((x, y), block) in left.iter().zip(right).zip(block_of_row) {
-                        values[(block * rows + r) * columns + c] += x * y;
+                    for Span { block, rows: span } in spans {
+                        let sum = dot(&left[span.clone()], &right[span.clone()]);
+                        values[(block * rows + r) * columns + c] += sum;
                     }
                 }
             }
@@ -233,13 +311,14 @@ fn products(session: &Session, some: &[Column], others: &[Column]) -> Products {
     Products { rows, columns, values }
 }
 
-fn with_gap(session: &Session, columns: &[Column]) -> Vec<f64> {
+fn with_gap(session: &Session, spans: &[Span], columns: &[Column]) -> Vec<f64> {
     let mut values = vec![0.0; columns.len() * session.blocks()];
     for (k, column) in columns.iter().enumerate() {
         for (channel, part) in &column.parts {
             let channel = &session.channels[*channel];
-            for ((x, gap), block) in part.iter().zip(&channel.gap).zip(&session.hold_out.block_of_row) {
-                values[block * columns.len() + k] += x * gap / channel.scale;
+            for Span { block, rows } in spans {
+                let sum = dot(&part[rows.clone()], &channel.gap[rows.clone()]);
+                values[block * columns.len() + k] += sum / channel.scale;
             }
         }
     }

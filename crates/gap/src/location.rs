@@ -14,6 +14,8 @@ const BINS: usize = 10;
 pub(crate) struct Located {
     pub(crate) location: Location,
     pub(crate) raw: Raw,
+    /// Per channel the mean square over its scale that noise leaves.
+    pub(crate) floors: Vec<f64>,
 }
 
 /// Per channel and row what is left over its scale; none where the row was not scored.
@@ -32,23 +34,53 @@ pub(crate) fn locate(library: &Library<'_>, chosen: &[Chosen]) -> Located {
             gap.map(|(gap, scored)| scored.map(|_| gap / channel.scale)).collect()
         })
         .collect();
+    let floors: Vec<f64> = session
+        .channels
+        .iter()
+        .zip(&after)
+        .map(|(channel, after)| from_repeats(session, after).unwrap_or(channel.floor * channel.floor))
+        .collect();
     let sensors: Vec<SensorGap> = session
         .channels
         .iter()
         .zip(before.iter().zip(&after))
-        .map(|(channel, (before, after))| sensor(channel, rms(before), rms(after)))
+        .zip(&floors)
+        .map(|((channel, (before, after)), floor)| sensor(channel, [rms(before), rms(after)], floor.sqrt()))
         .collect();
     let raw = pooled(&session.channels, &sensors);
     let profiles = profiles(session, &before, &after);
-    Located { location: Location { sensors, profiles }, raw }
+    Located { location: Location { sensors, profiles }, raw, floors }
 }
 
-fn sensor(channel: &Channel, before: f64, after: f64) -> SensorGap {
+/// Time over which repeats are compared after taking out what differs between them at large (s): drift, creep and temperature do not
+/// repeat, but are no noise.
+const WINDOW_S: f64 = 10.0;
+
+/// Mean square that noise leaves of a channel, from what its repeats differ by; none where there are no repeats.
+fn from_repeats(session: &Session, after: &[Option<f64>]) -> Option<f64> {
+    let window = (WINDOW_S / session.step_s()?).max(2.0) as usize;
+    let (mut squares, mut freedom) = (0.0, 0.0);
+    for (a, b) in &session.repeats {
+        let differences: Vec<Option<f64>> =
+            a.clone().zip(b.clone()).map(|(a, b)| Some(after[a]? - after[b]?)).collect();
+        for part in differences.chunks(window) {
+            let known: Vec<f64> = part.iter().flatten().copied().collect();
+            if known.len() > 1 {
+                let mean = known.iter().sum::<f64>() / known.len() as f64;
+                squares += known.iter().map(|d| (d - mean) * (d - mean)).sum::<f64>() / 2.0;
+                freedom += known.len() as f64 - 1.0;
+            }
+        }
+    }
+    (freedom > 0.0).then(|| squares / freedom)
+}
+
+fn sensor(channel: &Channel, [before, after]: [f64; 2], floor: f64) -> SensorGap {
     SensorGap {
         name: channel.name.clone(),
         before,
         after,
-        floor: channel.floor,
+        floor,
         before_raw: before * channel.scale,
         after_raw: after * channel.scale,
         unit: channel.unit.clone(),
@@ -60,13 +92,14 @@ fn residuals(library: &Library<'_>, chosen: &[Chosen]) -> Residuals {
     let mut out: Residuals = vec![vec![None; session.rows()]; session.channels.len()];
     for part in chosen {
         let design = Design::new(library, &part.terms);
-        let parameters = design.solve(&part.fold.fit);
+        let parameters = design.solve_fold(&part.fold);
         let mut scored = vec![false; session.blocks()];
         part.fold.score.iter().for_each(|block| scored[*block] = true);
         let rows: Vec<usize> =
             (0..session.rows()).filter(|row| scored[session.hold_out.block_of_row[*row]]).collect();
         for (channel, left) in session.channels.iter().zip(&mut out) {
-            rows.iter().for_each(|row| left[*row] = Some(channel.gap[*row] / channel.scale));
+            let read = rows.iter().filter(|row| channel.is_read(**row));
+            read.for_each(|row| left[*row] = Some(channel.gap[*row] / channel.scale));
         }
         for (index, id) in part.terms.iter().enumerate() {
             for (k, column) in library.columns(*id).iter().enumerate() {
@@ -120,6 +153,11 @@ fn profiles(session: &Session, before: &Residuals, after: &Residuals) -> BTreeMa
     if let Some(temperature) = &session.temperature {
         add("temperature", &temperature.name, "degC", &temperature.values, &every);
     }
+    for (index, channel) in session.channels.iter().enumerate() {
+        if let Some(temperature_c) = channel.gauge.as_ref().and_then(|gauge| gauge.temperature_c.as_ref()) {
+            add("temperature", &channel.name, "degC", temperature_c, &[index]);
+        }
+    }
     for load in &session.loads {
         add("load", &load.name, "", &load.values, &every);
     }
@@ -144,8 +182,11 @@ fn bins(
     before: &Residuals,
     after: &Residuals,
 ) -> Vec<Bin> {
-    let Some(&first) = channels.first() else { return Vec::new() };
-    let mut rows: Vec<usize> = (0..values.len()).filter(|row| after[first][*row].is_some()).collect();
+    if channels.is_empty() {
+        return Vec::new();
+    }
+    let scored = |row: &usize| channels.iter().any(|channel| after[*channel][*row].is_some());
+    let mut rows: Vec<usize> = (0..values.len()).filter(scored).collect();
     rows.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
     let count = BINS.min(rows.len());
     let mut out = Vec::with_capacity(count);

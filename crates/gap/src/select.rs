@@ -9,6 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::bootstrap::Bootstrap;
 use crate::candidates::{Candidates, Choice, Training, sum_of_difference, without};
+use crate::doubt::exceeds;
 use crate::effects::Place;
 use crate::fit::Design;
 use crate::library::{Library, TermId};
@@ -130,7 +131,8 @@ impl Search<'_, '_, '_> {
             let news = if effects.contains(&effect) { News::Place } else { News::Effect };
             let freedom = self.freedom(&step);
             let next = self.choice(choice.terms.iter().copied().chain(step).collect());
-            if self.is_plausible(&next) && self.improves(choice, &next, news, reducible) {
+            let improves = self.is_plausible(&next) && self.improves(choice, &next, news, reducible);
+            if improves && self.is_beyond_doubt(choice, &next) {
                 scored.entry(effect).or_default().push((sum_of_difference(choice, &next), freedom, next));
             }
         }
@@ -233,9 +235,22 @@ impl Search<'_, '_, '_> {
         groups
     }
 
+    /// Whether what `next` adds is more than noise and the simulation's own uncertainty make of nothing.
+    fn is_beyond_doubt(&mut self, now: &Choice, next: &Choice) -> bool {
+        exceeds(self.library, &next.terms, now.terms.len(), &self.training.blocks)
+    }
+
     /// Whether `next` is better than `now` on what was left out: by a practical minimum, beyond doubt and in most folds.
     fn improves(&self, now: &Choice, next: &Choice, news: News, reducible: f64) -> bool {
-        let gains: Vec<f64> = now.residual.iter().zip(&next.residual).map(|(a, b)| a - b).collect();
+        let mut gains: Vec<f64> = now.residual.iter().zip(&next.residual).map(|(a, b)| a - b).collect();
+        let mut terms = now.terms.iter().chain(&next.terms);
+        if terms.any(|id| self.library.terms[*id].is_event()) {
+            // Even seconds were fitted on: what is seen on the odd ones stands for both.
+            let hold_out = &self.library.session.hold_out;
+            for (block, gain) in gains.iter_mut().enumerate() {
+                *gain *= if hold_out.is_even(block) { 0.0 } else { 2.0 };
+            }
+        }
         let folds = &self.training.folds;
         let better = folds
             .iter()

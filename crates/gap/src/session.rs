@@ -1,6 +1,13 @@
 //! What is compared, as columns over instants: measured minus simulated per channel, with what is known beside it.
 
-use model::chain::Chain;
+use std::cell::OnceCell;
+use std::ops::Range;
+
+use model::chain::{Chain, Section};
+use model::spatial::{RigidBody, Tip, Wrench};
+use nalgebra::Vector6;
+
+use crate::effects::ArmColumns;
 
 /// What a channel measures, as far as an effect cares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,6 +56,25 @@ pub struct Channel {
     pub floor: f64,
     /// Factor that makes the channel commensurate with the others in raw figures (1, or one over a length, 1/m).
     pub raw_factor: f64,
+    /// Rows at which it was read; empty: all of them. Elsewhere `gap` is 0 and counts for nothing.
+    pub read: Vec<bool>,
+    /// What a torque about its joint's axis in parallel with the sensor adds (channel's unit per Nm); 0 where there is no joint.
+    pub per_nm: f64,
+    /// What is known of it as a strain gauge in a section of the arm.
+    pub gauge: Option<Gauge>,
+}
+
+/// A strain gauge in a section of the arm, as its model has it.
+#[derive(Debug, Clone)]
+pub struct Gauge {
+    /// Sensitivity to the load of its section, counts/N and counts/Nm, in S.
+    pub compliance: Vector6<f64>,
+    /// Reading without load, counts; `simulated` is without it.
+    pub bias_counts: f64,
+    /// Simulated load of its section (N, Nm about S, in S), per row.
+    pub loads: Vec<Vector6<f64>>,
+    /// Temperature (degC), per row, where it is measured.
+    pub temperature_c: Option<Vec<f64>>,
 }
 
 impl Channel {
@@ -63,7 +89,20 @@ impl Channel {
     /// RMS of measured minus simulated (channel's unit).
     #[must_use]
     pub fn rms_gap(&self) -> f64 {
-        rms(&self.gap)
+        let share = self.count() as f64 / self.gap.len().max(1) as f64;
+        if share > 0.0 { rms(&self.gap) / share.sqrt() } else { 0.0 }
+    }
+
+    /// Whether it was read at a row.
+    #[must_use]
+    pub fn is_read(&self, row: usize) -> bool {
+        self.read.get(row).is_none_or(|read| *read)
+    }
+
+    /// Number of rows at which it was read.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        if self.read.is_empty() { self.gap.len() } else { self.read.iter().filter(|read| **read).count() }
     }
 }
 
@@ -103,6 +142,30 @@ pub struct Kinematics {
     pub joints: Vec<usize>,
     /// Whether the links have masses (kg), so that predictions can be derived by pose and gravity.
     pub has_masses: bool,
+    /// Channels that feel the arm's weight and motion.
+    pub sensing: Vec<Sensing>,
+    /// What hangs on the tip as declared (tip frame), by stretches of rows; elsewhere nothing.
+    pub carried: Vec<(Range<usize>, RigidBody)>,
+    /// What else acts on the tip (N, Nm about E, in E), per row; empty: nothing.
+    pub wrench: Vec<Wrench<Tip>>,
+}
+
+/// A channel that feels the arm: a section, and what the channel makes of its load.
+#[derive(Debug, Clone)]
+pub struct Sensing {
+    /// Index of the channel.
+    pub channel: usize,
+    /// Where it sits.
+    pub section: Section,
+    /// Channel's unit per N and Nm of load (about S, in S).
+    pub row: Vector6<f64>,
+}
+
+/// A direction in which the simulation is uncertain: what one standard deviation of it adds to each channel.
+#[derive(Debug, Clone)]
+pub struct Doubt {
+    /// Per touched channel the change (channel's unit), per row.
+    pub parts: Vec<(usize, Vec<f64>)>,
 }
 
 /// How rows are divided for being left out.
@@ -116,8 +179,19 @@ pub struct HoldOut {
     pub unit_of_block: Vec<usize>,
     /// Per row its block.
     pub block_of_row: Vec<usize>,
+    /// Per block whether it lies in an even second of its recording; empty where seconds do not count. What belongs to one unit
+    /// alone (a contact, the phase of a hum) is fitted on the even seconds of that unit and judged on the odd.
+    pub is_even: Vec<bool>,
     /// The division in words.
     pub words: String,
+}
+
+impl HoldOut {
+    /// Whether a block may be fitted on although its unit is left out.
+    #[must_use]
+    pub fn is_even(&self, block: usize) -> bool {
+        self.is_even.get(block).is_some_and(|even| *even)
+    }
 }
 
 /// Everything that a diagnosis looks at.
@@ -131,8 +205,14 @@ pub struct Session {
     pub segments: Vec<std::ops::Range<usize>>,
     /// The joints' motion.
     pub joints: Vec<Joint>,
-    /// Temperature (degC).
+    /// Temperature (degC) of what has no thermometer of its own.
     pub temperature: Option<Covariate>,
+    /// Per segment the instant (s) at which its session began.
+    pub began_s: Vec<f64>,
+    /// Rows of recordings that repeat each other, instant by instant.
+    pub repeats: Vec<(Range<usize>, Range<usize>)>,
+    /// Directions in which the simulation is uncertain, independent of each other.
+    pub doubts: Vec<Doubt>,
     /// Known loads.
     pub loads: Vec<Covariate>,
     /// The arm, where it is known.
@@ -141,9 +221,24 @@ pub struct Session {
     pub hold_out: HoldOut,
     /// What the reader should know about the data, one line each.
     pub notes: Vec<String>,
+    /// What changes of the arm would change, computed when first asked for.
+    pub(crate) arm_columns: OnceCell<ArmColumns>,
 }
 
 impl Session {
+    /// Temperature (degC) of a channel, per row.
+    #[must_use]
+    pub fn temperature_of(&self, channel: usize) -> Option<&[f64]> {
+        let own = self.channels[channel].gauge.as_ref().and_then(|gauge| gauge.temperature_c.as_deref());
+        own.or_else(|| self.temperature.as_ref().map(|covariate| covariate.values.as_slice()))
+    }
+
+    /// Whether any channel has a temperature.
+    #[must_use]
+    pub fn has_temperature(&self) -> bool {
+        (0..self.channels.len()).any(|channel| self.temperature_of(channel).is_some())
+    }
+
     /// Number of instants.
     #[must_use]
     pub fn rows(&self) -> usize {

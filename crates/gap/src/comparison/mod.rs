@@ -55,7 +55,7 @@ pub fn load(dir: &Path) -> Result<Session, Error> {
     let held = hold_out(&description, &session, &plan.recordings(&session)).map_err(located)?;
     session.session.hold_out = held;
     if let Some(given) = &description.robot {
-        let loaded = robot::load(dir, given, &session.session.joints).map_err(|error| match error {
+        let loaded = robot::load(dir, given, &session.session).map_err(|error| match error {
             robot::Failure::Rig(error) => Error::Rig(error),
             robot::Failure::Problem(problem) => located(problem),
         })?;
@@ -226,11 +226,20 @@ fn assemble(
         loads: description.covariates.load.iter().zip(&plan.loads).map(|(n, c)| covariate(n, *c)).collect(),
         kinematics: None,
         hold_out: division::by_point(columns.lines.len()),
+        began_s: vec![began_s(time_s.as_deref()); segments.len()],
+        doubts: Vec::new(),
+        repeats: Vec::new(),
         segments,
         time_s,
         notes,
+        arm_columns: std::cell::OnceCell::new(),
     };
     Ok(Assembled { session, recordings })
+}
+
+/// The earliest instant (s).
+fn began_s(time_s: Option<&[f64]>) -> f64 {
+    time_s.map_or(0.0, |time_s| time_s.iter().copied().fold(f64::MAX, f64::min))
 }
 
 fn compare(
@@ -254,6 +263,9 @@ fn compare(
         scale: channel.noise.unwrap_or(if rms_gap > 0.0 { rms_gap } else { 1.0 }),
         floor: if channel.noise.is_some() { 1.0 } else { 0.0 },
         raw_factor: length_m.map_or(1.0, |m| 1.0 / m),
+        read: Vec::new(),
+        per_nm: f64::from(u8::from(quantity == Quantity::Moment)),
+        gauge: None,
     }
 }
 

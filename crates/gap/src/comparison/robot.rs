@@ -2,15 +2,16 @@
 
 use std::path::Path;
 
-use model::chain::{Chain, JointKind};
-use nalgebra::Vector3;
+use model::chain::{Chain, JointKind, Section};
+use nalgebra::{Vector3, Vector6};
 use rig::RigError;
 use rig::document::Problem;
 use rig::document::Step::Key;
 use rig::error::{read_text, suggest};
 
 use super::description::Robot;
-use crate::session::{Joint, Kinematics};
+use crate::effects::moment_channels;
+use crate::session::{Joint, Kinematics, Sensing, Session};
 
 /// Why there is no arm.
 pub(super) enum Failure {
@@ -30,8 +31,9 @@ impl<E: Into<RigError>> From<E> for Failure {
 pub(super) fn load(
     dir: &Path,
     robot: &Robot,
-    joints: &[Joint],
+    session: &Session,
 ) -> Result<(Option<Kinematics>, Vec<String>), Failure> {
+    let joints = &session.joints;
     let file = dir.join(&robot.urdf);
     let text = read_text(&file, "the robot's URDF")?;
     let name = file.display().to_string();
@@ -50,7 +52,23 @@ pub(super) fn load(
         places.push(place);
     }
     let has_masses = chain.joints.iter().any(|joint| joint.body.mass_kg > 0.0);
-    Ok((Some(Kinematics { chain, joints: places, has_masses }), notes))
+    let sensing = sensing(session, &chain, &places);
+    let arm =
+        Kinematics { chain, joints: places, has_masses, sensing, carried: Vec::new(), wrench: Vec::new() };
+    Ok((Some(arm), notes))
+}
+
+/// Channels that measure a joint's torque, in the sign of simulators: what the joint must apply to the outboard side.
+fn sensing(session: &Session, chain: &Chain, joints: &[usize]) -> Vec<Sensing> {
+    let minus_z = Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, -1.0);
+    let of_joint = |joint: usize| {
+        let section = Section::new(chain, &session.joints[joint].name, None).ok();
+        let channels = moment_channels(session, joint);
+        channels.filter_map(move |(channel, _)| {
+            section.map(|section| Sensing { channel, section, row: minus_z })
+        })
+    };
+    joints.iter().flat_map(|joint| of_joint(*joint)).collect()
 }
 
 /// The root of the tree and the link that the outermost listed joint moves, unless they are given.

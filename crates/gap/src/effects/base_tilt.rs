@@ -19,16 +19,16 @@ impl Effect for BaseTilt {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        weight::without_masses(session)
+        arm::without_masses(session)
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {
-        weight::arm(session).map(|_| Place::Base).into_iter().collect()
+        arm::arm(session).map(|_| Place::Base).into_iter().collect()
     }
 
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let _ = place;
-        weight::tilt_columns(session)
+        arm::tilt_columns(session)
     }
 
     fn experiment(&self) -> &'static str {

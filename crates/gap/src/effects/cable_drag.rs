@@ -35,9 +35,9 @@ impl Effect for CableDrag {
             return Vec::new();
         }
         let mut columns = Vec::new();
-        for channel in moment_channels(session, joint) {
-            let plausible = 3.0 * session.channels[channel].rms_gap() / span;
-            let turned = moving.position_rad.clone();
+        for (channel, per_nm) in moment_channels(session, joint) {
+            let plausible = 3.0 * session.channels[channel].rms_gap() / per_nm.abs() / span;
+            let turned = moving.position_rad.iter().map(|q| per_nm * q).collect();
             columns.push(Column::value("nm_per_rad", "Nm/rad", plausible, channel, turned).positive());
         }
         columns

@@ -43,8 +43,10 @@ impl Effect for Drift {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];
         let Some(time_s) = &session.time_s else { return Vec::new() };
-        let start_s = time_s.iter().copied().fold(f64::MAX, f64::min);
-        let values = time_s.iter().map(|t_s| 1.0 - (-(t_s - start_s) / shape[0]).exp()).collect();
+        let mut values = vec![0.0; session.rows()];
+        for (rows, began_s) in session.segments.iter().zip(&session.began_s) {
+            rows.clone().for_each(|row| values[row] = -(-(time_s[row] - began_s) / shape[0]).exp_m1());
+        }
         let plausible = (0.05 * own.extent()).max(3.0 * own.rms_gap());
         vec![
             Column::value("amplitude", &own.unit, plausible, channel, values),

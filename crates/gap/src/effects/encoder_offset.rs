@@ -19,16 +19,16 @@ impl Effect for EncoderOffset {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        weight::without_masses(session)
+        arm::without_masses(session)
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {
-        weight::coordinates(session)
+        arm::coordinates(session)
     }
 
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Joint(joint) = place else { return Vec::new() };
-        weight::turn_columns(session, joint, |_| 1.0, "rad", "rad", 0.02)
+        arm::turn_columns(session, joint, |_| 1.0, ("rad", "rad", 0.02))
     }
 
     fn experiment(&self) -> &'static str {

@@ -21,19 +21,18 @@ impl Effect for JointFlexibility {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        weight::without_masses(session)
+        arm::without_masses(session)
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {
-        weight::coordinates(session)
+        arm::coordinates(session)
     }
 
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Joint(joint) = place else { return Vec::new() };
-        let Some(own) = moment_channels(session, joint).next() else { return Vec::new() };
-        let torque_nm = &session.channels[own].simulated;
-        let columns =
-            weight::turn_columns(session, joint, |row| -torque_nm[row], "nm_per_rad", "Nm/rad", 1e-3);
+        let Some(torque_nm) = arm::yielding_torque_nm(session, joint) else { return Vec::new() };
+        let heading = ("nm_per_rad", "Nm/rad", 1e-3);
+        let columns = arm::turn_columns(session, joint, |row| torque_nm[row], heading);
         columns.into_iter().map(|column| column.positive().role(Role::Inverse)).collect()
     }
 

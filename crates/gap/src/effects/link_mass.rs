@@ -22,16 +22,16 @@ impl Effect for LinkMass {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        weight::without_arm(session)
+        arm::without_arm(session)
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {
-        weight::links(session)
+        arm::links(session)
     }
 
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Link(link) = place else { return Vec::new() };
-        weight::body_columns(session, link, weight::Naming::Link)
+        arm::body_columns(session, link, arm::Naming::Link)
     }
 
     fn experiment(&self) -> &'static str {

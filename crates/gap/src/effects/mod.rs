@@ -4,6 +4,8 @@
 //! simulation: change of each channel per unit of a linear parameter. Shapes are searched; the linear parameters are
 //! profiled out. A column may be *pinned*: what the physics adds then has no free size (a delayed signal less itself).
 
+mod arm;
+mod axial_force;
 mod axis;
 mod base_tilt;
 mod cable_drag;
@@ -12,6 +14,7 @@ mod creep;
 mod delay;
 mod drift;
 mod encoder_offset;
+mod external_contact;
 mod friction;
 mod gain;
 mod hysteresis;
@@ -22,19 +25,22 @@ mod mains_pickup;
 mod nonlinearity;
 mod payload;
 mod saturation;
+mod spikes;
 mod temperature_gain;
 mod temperature_offset;
 mod torque_ripple;
-mod weight;
 mod zero_offset;
 
-use crate::session::{Quantity, Session};
+pub use arm::ArmColumns;
+
+use crate::session::Session;
 
 /// Every effect that is looked for.
 pub static CATALOGUE: &[&dyn Effect] = &[
     &zero_offset::ZeroOffset,
     &gain::Gain,
     &axis::SensingAxis,
+    &axial_force::AxialForce,
     &channel_coupling::ChannelCoupling,
     &temperature_offset::TemperatureOffset,
     &temperature_gain::TemperatureGain,
@@ -43,6 +49,7 @@ pub static CATALOGUE: &[&dyn Effect] = &[
     &hysteresis::Hysteresis,
     &creep::Creep,
     &saturation::Saturation,
+    &spikes::Spikes,
     &mains_pickup::MainsPickup,
     &delay::Delay,
     &lowpass::Lowpass,
@@ -54,13 +61,7 @@ pub static CATALOGUE: &[&dyn Effect] = &[
     &joint_flexibility::JointFlexibility,
     &friction::Friction,
     &cable_drag::CableDrag,
-];
-
-/// Effects of the contract that need what this kind of data never has, and what that is.
-pub static OUT_OF_REACH: &[(&str, &str)] = &[
-    ("axial_force", "the whole load of each sensor's section (a run with its model)"),
-    ("spikes", "single instants as they were sampled (a run with its model)"),
-    ("external_contact", "the whole load of each sensor's section (a run with its model)"),
+    &external_contact::ExternalContact,
 ];
 
 /// Where an effect sits.
@@ -110,6 +111,8 @@ pub struct Column {
     pub is_positive: bool,
     /// Per touched channel the change (channel's unit per unit of the parameter), per row.
     pub parts: Vec<(usize, Vec<f64>)>,
+    /// The only unit of the hold-out that it exists in, if it is an event there: then it is fitted on that unit's even seconds.
+    pub unit_only: Option<usize>,
 }
 
 impl Column {
@@ -122,7 +125,18 @@ impl Column {
             plausible,
             is_positive: false,
             parts: vec![(channel, values)],
+            unit_only: None,
         }
+    }
+
+    /// A parameter to report, on several channels.
+    pub(crate) fn of_parts(
+        parameter: &str,
+        unit: &str,
+        plausible: f64,
+        parts: Vec<(usize, Vec<f64>)>,
+    ) -> Self {
+        Self { parts, ..Self::value(parameter, unit, plausible, 0, Vec::new()) }
     }
 
     /// What a shape adds, without a size of its own, on one channel.
@@ -142,6 +156,22 @@ impl Column {
 
 /// Parameters that enter nonlinearly, in the order of [`Effect::shape_parameters`].
 pub type Shape = Vec<f64>;
+
+/// A term with the parameters that were found for its columns.
+#[derive(Debug, Clone, Copy)]
+pub struct Fitted<'a> {
+    /// Where it sits.
+    pub place: Place,
+    /// Its shape.
+    pub shape: &'a [f64],
+    /// Value of each column's parameter.
+    pub values: &'a [f64],
+    /// Their standard deviations.
+    pub sigmas: &'a [f64],
+}
+
+/// A parameter to report: name, value, standard deviation where it is known, unit.
+pub type Reported = (String, f64, Option<f64>, String);
 
 /// A physical effect that a simulation may lack.
 pub trait Effect: Sync {
@@ -178,6 +208,11 @@ pub trait Effect: Sync {
     /// What it adds to the simulation; nothing if that place and shape do not show in this data.
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column>;
 
+    /// The parameters to report, by name with value, standard deviation and unit, where they are others than the columns' own.
+    fn report(&self, _session: &Session, _term: &Fitted<'_>) -> Option<Vec<Reported>> {
+        None
+    }
+
     /// What another recording would need in order to tell this effect from others.
     fn experiment(&self) -> &'static str;
 }
@@ -193,7 +228,7 @@ fn every_channel(session: &Session) -> Vec<Place> {
     (0..session.channels.len()).map(Place::Channel).collect()
 }
 
-/// Channels of a joint that measure a moment, by the joint's index.
+/// Joints with a channel that a torque in parallel with it changes.
 fn joints_with_moments(session: &Session) -> Vec<Place> {
     (0..session.joints.len())
         .filter(|joint| moment_channels(session, *joint).next().is_some())
@@ -201,11 +236,10 @@ fn joints_with_moments(session: &Session) -> Vec<Place> {
         .collect()
 }
 
-fn moment_channels(session: &Session, joint: usize) -> impl Iterator<Item = usize> + '_ {
-    let of_joint = move |(_, c): &(usize, &crate::session::Channel)| {
-        c.joint == Some(joint) && c.quantity == Quantity::Moment
-    };
-    session.channels.iter().enumerate().filter(of_joint).map(|(index, _)| index)
+/// Channels that a torque about this joint's axis in parallel with the sensor changes, with the change per Nm.
+pub(crate) fn moment_channels(session: &Session, joint: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+    let of_joint = move |(_, c): &(usize, &crate::session::Channel)| c.joint == Some(joint) && c.per_nm != 0.0;
+    session.channels.iter().enumerate().filter(of_joint).map(|(index, channel)| (index, channel.per_nm))
 }
 
 /// Several geometric steps from `low` to `high`, both included.

@@ -21,22 +21,33 @@ impl Effect for Payload {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        weight::without_arm(session)
+        arm::without_arm(session)
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {
-        weight::arm(session).map(|_| Place::Tip).into_iter().collect()
+        arm::arm(session).map(|_| Place::Tip).into_iter().collect()
     }
 
-    fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
-        let _ = place;
-        let Some(last) = weight::arm(session).and_then(|arm| arm.chain.joints.len().checked_sub(1)) else {
+    fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
+        if arm::is_loaded(session) { vec![vec![DECLARED], vec![ALWAYS]] } else { vec![vec![ALWAYS]] }
+    }
+
+    fn columns(&self, session: &Session, _place: Place, shape: &[f64]) -> Vec<Column> {
+        if shape[0] == DECLARED {
+            return arm::declared_columns(session);
+        }
+        let Some(last) = arm::arm(session).and_then(|arm| arm.chain.joints.len().checked_sub(1)) else {
             return Vec::new();
         };
-        weight::body_columns(session, last, weight::Naming::Payload)
+        arm::body_columns(session, last, arm::Naming::Undeclared)
     }
 
     fn experiment(&self) -> &'static str {
         "held poses far apart, with nothing at the tip and then with a known weight"
     }
 }
+
+/// The body that was declared is another one; only where one was declared.
+const DECLARED: f64 = 0.0;
+/// A body hangs there all the time.
+const ALWAYS: f64 = 1.0;

@@ -19,7 +19,7 @@ impl Effect for TemperatureGain {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        if session.temperature.is_none() {
+        if !session.has_temperature() {
             return Some("the temperature ([covariates] temperature = \"COLUMN\")".to_owned());
         }
         without_signal(session)
@@ -32,11 +32,11 @@ impl Effect for TemperatureGain {
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];
-        let Some(temperature) = &session.temperature else { return Vec::new() };
-        let reference = mean(&temperature.values);
+        let Some(temperature) = session.temperature_of(channel) else { return Vec::new() };
+        let reference = mean(temperature);
         // The temperature of the calibration is not known: a factor comes along.
         let values =
-            own.simulated.iter().zip(&temperature.values).map(|(s, t)| s * (t - reference)).collect();
+            own.simulated.iter().zip(temperature).map(|(s, t)| s * (t - reference)).collect();
         vec![
             Column::value("per_k", "1/K", 0.005, channel, values),
             Column::value("", "1", 0.02, channel, own.simulated.clone()).role(Role::Nuisance),

@@ -20,10 +20,7 @@ impl Effect for TemperatureOffset {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        session
-            .temperature
-            .is_none()
-            .then(|| "the temperature ([covariates] temperature = \"COLUMN\")".to_owned())
+        (!session.has_temperature()).then(|| "the temperature ([covariates] temperature = \"COLUMN\")".to_owned())
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {
@@ -51,12 +48,12 @@ impl Effect for TemperatureOffset {
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];
-        let Some(temperature) = &session.temperature else { return Vec::new() };
-        let span = deviation(&temperature.values);
+        let Some(temperature) = session.temperature_of(channel) else { return Vec::new() };
+        let span = deviation(temperature);
         if span <= 0.0 {
             return Vec::new();
         }
-        let slow = lagged(session, &temperature.values, shape[0]);
+        let slow = lagged(session, temperature, shape[0]);
         let reference = mean(&slow);
         let plausible = (0.005 * own.extent()).max(3.0 * own.rms_gap() / span);
         // The temperature of the calibration is not known: a constant comes along.

@@ -49,17 +49,17 @@ impl Effect for TorqueRipple {
         let moving = &session.joints[joint];
         let turn = |q: &f64| shape[0] * q;
         let mut columns = Vec::new();
-        for channel in moment_channels(session, joint) {
-            let size_nm = 3.0 * session.channels[channel].rms_gap();
+        for (channel, per_nm) in moment_channels(session, joint) {
+            let size_nm = 3.0 * session.channels[channel].rms_gap() / per_nm.abs();
             let sine = Column::value(
                 "amplitude",
                 "Nm",
                 size_nm,
                 channel,
-                moving.position_rad.iter().map(|q| turn(q).sin()).collect(),
+                moving.position_rad.iter().map(|q| per_nm * turn(q).sin()).collect(),
             );
             let cosine = Column {
-                parts: vec![(channel, moving.position_rad.iter().map(|q| turn(q).cos()).collect())],
+                parts: vec![(channel, moving.position_rad.iter().map(|q| per_nm * turn(q).cos()).collect())],
                 ..sine.clone()
             };
             columns.push(sine.role(Role::Sine));
