@@ -11,9 +11,9 @@ fn main() {
     let pairs: Vec<(&Run, &Recording)> = runs.iter().zip(&recordings).collect();
     let s = wrenchd_gap::runs::session(&rig, &model, &pairs).unwrap();
     for r in 0..s.rows() {
-        if r == 0 { for c in &s.channels { eprint!("{:.3} f{:.3} rms {:.3}; ", c.count() as f64 / s.rows() as f64, c.floor, c.rms_gap() / c.scale); } eprintln!(); return; } print!("{:.4}", s.time_s.as_ref().unwrap()[r]);
+        print!("{:.4}", s.time_s.as_ref().unwrap()[r]);
         for c in &s.channels { print!(" {:.2}", c.gap[r] / c.scale); }
-        for j in &s.joints { print!(" {:.5} {:.4} {:.3}", j.position_rad[r], j.velocity_rad_s.as_ref().unwrap()[r], j.acceleration_rad_s2.as_ref().unwrap()[r]); }
+        for c in &s.channels { print!(" {:.2}", c.simulated[r] / c.scale); } for j in &s.joints { print!(" {:.5} {:.4} {:.3}", j.position_rad[r], j.velocity_rad_s.as_ref().unwrap()[r], j.acceleration_rad_s2.as_ref().unwrap()[r]); }
         println!();
     }
 }

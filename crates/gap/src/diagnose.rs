@@ -38,6 +38,7 @@ pub fn diagnose(session: &Session, mut tell: impl FnMut(u64, u64)) -> Diagnosis 
         if !session.hold_out.reserved.is_empty() {
             main = Some((training, choice));
         }
+        if std::env::var("DBG").is_ok() { eprintln!("fold {:?}", terms.iter().map(|id| (CATALOGUE[library.terms[*id].effect].id(), library.terms[*id].place, library.terms[*id].shape.clone())).collect::<Vec<_>>()); }
         chosen.push(Chosen { fold, terms });
         step();
     }
@@ -105,7 +106,7 @@ fn select(
 ) -> (Choice, Vec<TermId>) {
     let mut search = Search { library, candidates, training, bootstrap };
     let mut choice = search.run();
-    let terms = refine(library, candidates, &choice.terms, &training.blocks);
+    let terms = refine(library, candidates, &choice.terms, 0, &training.blocks);
     choice.terms.clone_from(&terms);
     (choice, terms)
 }

@@ -29,6 +29,7 @@ pub mod runs;
 mod screen;
 mod select;
 pub mod session;
+mod spectrum;
 mod words;
 
 pub use diagnose::diagnose;

@@ -38,7 +38,11 @@ pub(crate) fn locate(library: &Library<'_>, chosen: &[Chosen]) -> Located {
         .channels
         .iter()
         .zip(&after)
-        .map(|(channel, after)| from_repeats(session, after).unwrap_or(channel.floor * channel.floor))
+        .map(|(channel, after)| {
+            let told = channel.floor * channel.floor;
+            // More than that is no noise, but something that did not repeat.
+            from_repeats(session, after).map_or(told, |repeats| repeats.min(MOST_OVER_TOLD * told))
+        })
         .collect();
     let sensors: Vec<SensorGap> = session
         .channels
@@ -55,6 +59,9 @@ pub(crate) fn locate(library: &Library<'_>, chosen: &[Chosen]) -> Located {
 /// Time over which repeats are compared after taking out what differs between them at large (s): drift, creep and temperature do not
 /// repeat, but are no noise.
 const WINDOW_S: f64 = 10.0;
+
+/// What repeats differ by is noise up to so many times what was foretold (mean squares).
+const MOST_OVER_TOLD: f64 = 1.5;
 
 /// Mean square that noise leaves of a channel, from what its repeats differ by; none where there are no repeats.
 fn from_repeats(session: &Session, after: &[Option<f64>]) -> Option<f64> {

@@ -18,8 +18,8 @@ pub(crate) struct Measure<'a> {
     values: Vec<f64>,
     /// Mean square that noise leaves.
     floor: f64,
-    /// Mean square that the simulation's own uncertainty adds.
-    doubt: f64,
+    /// Mean square up to which the gap may be nothing: noise as foretold, and the simulation's own uncertainty.
+    allowed: f64,
     is_found: bool,
     bootstrap: &'a Bootstrap,
 }
@@ -62,8 +62,10 @@ impl<'a> Measure<'a> {
         // What is left is no more than noise, whatever was said of the noise.
         let floor = (floor / all).min(after.iter().sum::<f64>() / all);
         let reducible_blocks = before.iter().zip(&values).map(|(b, n)| b - floor * n).collect();
+        let told: f64 = session.channels.iter().map(|channel| channel.floor.powi(2)).sum();
+        let allowed = floor.max(told / session.channels.len().max(1) as f64) + doubts / all;
         let is_found = !subsets.effects.is_empty() && floor > 0.0;
-        Self { before, after, reducible_blocks, values, floor, doubt: doubts / all, is_found, bootstrap }
+        Self { before, after, reducible_blocks, values, floor, allowed, is_found, bootstrap }
     }
 
     /// Share of the reducible gap that an effect takes away, from its part of every block, with its interval of 95 %.
@@ -90,7 +92,7 @@ impl<'a> Measure<'a> {
     /// all channels does not show it. A gap of exactly nothing is none either.
     fn is_noise(&self) -> bool {
         let lowest = attribute::interval(self.bootstrap, &self.before, &self.values)[0];
-        (!self.is_found && lowest <= self.floor + self.doubt) || self.before.iter().all(|b| *b == 0.0)
+        (!self.is_found && lowest <= self.allowed) || self.before.iter().all(|b| *b == 0.0)
     }
 
     fn shrink(&self) -> Option<f64> {

@@ -10,15 +10,16 @@ use crate::screen::Screen;
 const STEPS: usize = 10;
 const GOLDEN: f64 = 0.618_033_988_749_895;
 
-/// The terms with every continuous parameter at its best on these blocks.
+/// The terms with every continuous parameter of those after the first `known` ones at its best on these blocks.
 pub(crate) fn refine(
     library: &mut Library<'_>,
     candidates: &Candidates,
     terms: &[TermId],
+    known: usize,
     blocks: &[usize],
 ) -> Vec<TermId> {
     let mut terms = terms.to_vec();
-    for index in 0..terms.len() {
+    for index in known..terms.len() {
         let term = library.terms[terms[index]].clone();
         if !CATALOGUE[term.effect].is_continuous() || term.shape.is_empty() {
             continue;
@@ -58,10 +59,11 @@ fn neighbours(library: &Library<'_>, candidates: &Candidates, id: TermId) -> Opt
     let term = &library.terms[id];
     let same = |other: &TermId| {
         let other = &library.terms[*other];
-        other.effect == term.effect && other.place == term.place && other.shape[1..] == term.shape[1..]
+        other.effect == term.effect && other.place == term.place
     };
     let (_, shapes) = candidates.iter().find(|(_, shapes)| shapes.first().is_some_and(same))?;
-    let values = || shapes.iter().filter(|id| same(id)).map(|id| library.terms[*id].shape[0]);
+    let alike = |id: &&TermId| library.terms[**id].shape[1..] == term.shape[1..];
+    let values = || shapes.iter().filter(alike).map(|id| library.terms[*id].shape[0]);
     let own = term.shape[0];
     let below = values().filter(|v| *v < own).fold(f64::NEG_INFINITY, f64::max);
     let above = values().filter(|v| *v > own).fold(f64::INFINITY, f64::min);

@@ -13,6 +13,7 @@ use crate::doubt::exceeds;
 use crate::effects::Place;
 use crate::fit::Design;
 use crate::library::{Library, TermId};
+use crate::refine::refine;
 use crate::screen::Screen;
 
 /// Share of the reducible gap that a further effect must explain, and a further place of one already found.
@@ -37,6 +38,9 @@ const UNCLEAR_AT_THE_END: f64 = 0.05;
 /// Effects from which the search begins, each by itself.
 const BEGINNINGS: usize = 3;
 
+/// Share of all folds' changes below which a fold's change counts for nothing.
+const LEAST_OF_FOLD: f64 = 0.02;
+
 /// What a step brings.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum News {
@@ -54,6 +58,17 @@ pub(crate) struct Search<'c, 'l, 's> {
     pub(crate) bootstrap: &'c Bootstrap,
 }
 
+/// The shape that explains most; of those that are as good the one with the fewest parameters.
+fn best_shape(screen: &Screen<'_, '_>, library: &Library<'_>, shapes: &[TermId]) -> Option<(f64, TermId)> {
+    let gains: Vec<(f64, TermId)> = shapes.iter().map(|id| (screen.gain(*id), *id)).collect();
+    let most = gains.iter().map(|(gain, _)| *gain).max_by(f64::total_cmp)?;
+    let as_good = gains.into_iter().filter(|(gain, _)| most - gain <= EQUALLY_GOOD * most.abs());
+    as_good.min_by(|a, b| {
+        let freedom = |id: TermId| library.terms[id].freedom();
+        freedom(a.1).cmp(&freedom(b.1)).then(b.0.total_cmp(&a.0))
+    })
+}
+
 impl Search<'_, '_, '_> {
     /// Chooses terms: from each of the best beginnings on, and then the best end.
     pub(crate) fn run(&mut self) -> Choice {
@@ -61,17 +76,25 @@ impl Search<'_, '_, '_> {
         let reducible = (nothing.residual.iter().sum::<f64>() - self.training.floor).max(0.0);
         let mut ends = Vec::new();
         for beginning in self.steps(&nothing, reducible, BEGINNINGS) {
-            let mut choice = beginning;
+            let mut choice = self.refined(beginning, 0);
             for _ in 0..MOST_STEPS {
                 choice = self.better_shapes(choice);
                 let Some(next) = self.steps(&choice, reducible, 1).pop() else { break };
-                choice = next;
+                choice = self.refined(next, choice.terms.len());
             }
             choice = self.swapped(choice, reducible);
             choice = self.backward(choice, reducible);
             ends.push((sum_of_difference(&nothing, &choice), self.freedom(&choice.terms), choice));
         }
         self.simplest(&ends, UNCLEAR_AT_THE_END).unwrap_or(nothing)
+    }
+
+    /// The choice with the continuous parameters of its newest terms at their best: what a coarse shape leaves would else be
+    /// taken for further effects.
+    fn refined(&mut self, choice: Choice, known: usize) -> Choice {
+        let terms = refine(self.library, self.candidates, &choice.terms, known, &self.training.blocks);
+        let refined = self.choice(terms);
+        if sum_of_difference(&choice, &refined) > 0.0 { refined } else { choice }
     }
 
     /// The terms with their left-out residuals.
@@ -102,10 +125,7 @@ impl Search<'_, '_, '_> {
         self.library.prepare(&all, terms);
         let screen = Screen::new(self.library, terms, &self.training.blocks);
         open.iter()
-            .filter_map(|shapes| {
-                let gains = shapes.iter().map(|id| (screen.gain(*id), *id));
-                gains.max_by(|a, b| a.0.total_cmp(&b.0))
-            })
+            .filter_map(|shapes| best_shape(&screen, self.library, shapes))
             .collect()
     }
 
@@ -252,13 +272,15 @@ impl Search<'_, '_, '_> {
             }
         }
         let folds = &self.training.folds;
-        let better = folds
-            .iter()
-            .filter(|fold| fold.score.iter().map(|block| gains[*block]).sum::<f64>() > 0.0)
-            .count();
+        let by_fold: Vec<f64> =
+            folds.iter().map(|fold| fold.score.iter().map(|block| gains[*block]).sum::<f64>()).collect();
+        // A fold where nothing changes (a limit that is not reached, a joint that stands still) says neither yes nor no.
+        let weighty = LEAST_OF_FOLD * by_fold.iter().map(|gain| gain.abs()).sum::<f64>();
+        let asked = by_fold.iter().filter(|gain| gain.abs() >= weighty).count();
+        let better = by_fold.iter().filter(|gain| **gain >= weighty && **gain > 0.0).count();
         let (least, doubt, most) = match news {
-            News::Effect => (LEAST_SHARE, DOUBT, 3 * better >= 2 * folds.len()),
-            News::Place => (LEAST_SHARE_OF_PLACE, DOUBT_OF_PLACE, 2 * better >= folds.len()),
+            News::Effect => (LEAST_SHARE, DOUBT, 3 * better >= 2 * asked),
+            News::Place => (LEAST_SHARE_OF_PLACE, DOUBT_OF_PLACE, 2 * better >= asked),
         };
         gains.iter().sum::<f64>() > least * reducible
             && most
@@ -274,7 +296,7 @@ impl Search<'_, '_, '_> {
             let others: Vec<TermId> = without(&choice.terms, index);
             self.library.prepare(shapes, &others);
             let screen = Screen::new(self.library, &others, &self.training.blocks);
-            let best = shapes.iter().map(|id| (screen.gain(*id), *id)).max_by(|a, b| a.0.total_cmp(&b.0));
+            let best = best_shape(&screen, self.library, shapes);
             let Some((_, id)) = best.filter(|(_, id)| *id != choice.terms[index]) else { continue };
             let mut terms = choice.terms.clone();
             terms[index] = id;

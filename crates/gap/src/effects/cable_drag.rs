@@ -27,7 +27,12 @@ impl Effect for CableDrag {
         joints_with_moments(session)
     }
 
-    fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
+    fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
+        let is_of_gauges = session.channels.iter().any(|channel| channel.gauge.is_some());
+        if is_of_gauges { vec![vec![STRAIGHT], vec![STIFFENING]] } else { vec![vec![STRAIGHT]] }
+    }
+
+    fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Joint(joint) = place else { return Vec::new() };
         let moving = &session.joints[joint];
         let span = deviation(&moving.position_rad);
@@ -36,9 +41,19 @@ impl Effect for CableDrag {
         }
         let mut columns = Vec::new();
         for (channel, per_nm) in moment_channels(session, joint) {
+            let per_nm = relief(session, channel) * per_nm;
             let plausible = 3.0 * session.channels[channel].rms_gap() / per_nm.abs() / span;
             let turned = moving.position_rad.iter().map(|q| per_nm * q).collect();
-            columns.push(Column::value("nm_per_rad", "Nm/rad", plausible, channel, turned).positive());
+            columns.push(Column::value("nm_per_rad", "Nm/rad", plausible, channel, turned).braking(session, channel));
+            if shape[0] == STIFFENING {
+                let unit = &session.channels[channel].unit;
+                let cubes = moving.position_rad.iter().map(|q| per_nm * q.powi(3)).collect();
+                let rows = vec![per_nm; session.rows()];
+                for (values, power) in [(rows, 0), (cubes, 3)] {
+                    let size = plausible * span / span.powi(power);
+                    columns.push(Column::value("", unit, size, channel, values).role(Role::Nuisance));
+                }
+            }
         }
         columns
     }
@@ -47,3 +62,8 @@ impl Effect for CableDrag {
         "one joint turned through its whole range, slowly, both ways"
     }
 }
+
+/// A spring that is slack where the joint stands at zero.
+const STRAIGHT: f64 = 0.0;
+/// Slack elsewhere, and stiffer the more it is bent.
+const STIFFENING: f64 = 1.0;

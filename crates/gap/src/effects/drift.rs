@@ -32,7 +32,10 @@ impl Effect for Drift {
 
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
         let Some(longest_s) = session.longest_s() else { return Vec::new() };
-        geometric(0.1 * longest_s, 3.0 * longest_s, 5)
+        let times = geometric(0.1 * longest_s, 3.0 * longest_s, 5);
+        // Where recordings tell when their session began, the drift began there, from nothing.
+        let kinds = if is_of_runs(session) { &[FROM_NOTHING, FROM_ANYWHERE][..] } else { &[FROM_ANYWHERE] };
+        kinds.iter().flat_map(|kind| times.iter().map(|tau| vec![tau[0], *kind])).collect()
     }
 
     fn is_continuous(&self) -> bool {
@@ -48,13 +51,25 @@ impl Effect for Drift {
             rows.clone().for_each(|row| values[row] = -(-(time_s[row] - began_s) / shape[0]).exp_m1());
         }
         let plausible = (0.05 * own.extent()).max(3.0 * own.rms_gap());
-        vec![
-            Column::value("amplitude", &own.unit, plausible, channel, values),
-            Column::value("", &own.unit, plausible, channel, vec![1.0; session.rows()]).role(Role::Nuisance),
-        ]
+        let amplitude = Column::value("amplitude", &own.unit, plausible, channel, values);
+        if shape[1] == FROM_NOTHING {
+            return vec![amplitude];
+        }
+        let constant =
+            Column::value("", &own.unit, plausible, channel, vec![1.0; session.rows()]).role(Role::Nuisance);
+        vec![amplitude, constant]
     }
 
     fn experiment(&self) -> &'static str {
         "the same load and pose held for an hour"
     }
+}
+
+/// The drift is nothing when the session begins.
+const FROM_NOTHING: f64 = 0.0;
+/// It comes with a constant.
+const FROM_ANYWHERE: f64 = 1.0;
+
+fn is_of_runs(session: &Session) -> bool {
+    session.channels.iter().any(|channel| channel.gauge.is_some())
 }

@@ -9,8 +9,8 @@ use super::*;
 /// Contact with a link.
 pub(super) struct ExternalContact;
 
-/// Gaps are looked at second by second.
-const BIN_S: f64 = 0.5;
+/// Gaps are looked at in steps of this time, s.
+const BIN_S: f64 = 0.02;
 /// A contact is shorter than this share of the recordings: otherwise it is no event.
 const LONGEST_SHARE: f64 = 0.6;
 

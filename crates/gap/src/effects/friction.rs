@@ -48,17 +48,18 @@ impl Effect for Friction {
         let Some(velocity) = &moving.velocity_rad_s else { return Vec::new() };
         let mut columns = Vec::new();
         for (channel, per_nm) in moment_channels(session, joint) {
+            let per_nm = relief(session, channel) * per_nm;
             let size_nm = 3.0 * session.channels[channel].rms_gap() / per_nm.abs();
             if shape[1] != VISCOUS {
                 let values = velocity.iter().map(|v| per_nm * (v / shape[0]).tanh()).collect();
-                columns.push(Column::value("coulomb_nm", "Nm", size_nm, channel, values).positive());
+                columns.push(Column::value("coulomb_nm", "Nm", size_nm, channel, values).braking(session, channel));
             }
             let fastest = velocity.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
             if shape[1] != COULOMB && fastest > 0.0 {
                 let turned = velocity.iter().map(|v| per_nm * v).collect();
                 columns.push(
                     Column::value("viscous", "Nm s/rad", size_nm / fastest, channel, turned)
-                        .positive(),
+                        .braking(session, channel),
                 );
             }
         }

@@ -35,7 +35,8 @@ impl Effect for Hysteresis {
 
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
         let _ = session;
-        geometric(0.02, 0.6, 6)
+        let widths = geometric(0.02, 0.6, 6);
+        [ONE, SEVERAL].iter().flat_map(|plays| widths.iter().map(|width| vec![width[0], *plays])).collect()
     }
 
     fn is_continuous(&self) -> bool {
@@ -45,20 +46,37 @@ impl Effect for Hysteresis {
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];
-        let radius = shape[0] * own.extent();
-        let mut values = vec![0.0; session.rows()];
-        for rows in &session.segments {
-            let mut play = own.simulated[rows.start];
-            for row in rows.clone() {
-                let signal = own.simulated[row];
-                play = play.clamp(signal - radius, signal + radius);
-                values[row] = play - signal;
-            }
+        if shape[1] == ONE {
+            return vec![Column::value("relative", "1", 0.5, channel, play(session, own, shape[0]))];
         }
-        vec![Column::value("relative", "1", 0.5, channel, values).positive()]
+        let columns = SPREAD.map(|(factor, name)| {
+            Column::value(name, "1", 0.5, channel, play(session, own, shape[0] * factor))
+        });
+        columns.into_iter().collect()
     }
 
     fn experiment(&self) -> &'static str {
         "the same load approached from both sides, slowly"
     }
+}
+
+/// One play, or several of other widths beside it: a loop with round corners.
+const ONE: f64 = 1.0;
+const SEVERAL: f64 = 3.0;
+/// Widths against the middle one, and what their shares are called.
+const SPREAD: [(f64, &str); 3] = [(0.3, "relative_narrow"), (1.0, "relative"), (3.0, "relative_wide")];
+
+/// A play operator's output less its input (channel's unit), per row, each segment from its beginning.
+fn play(session: &Session, own: &crate::session::Channel, width: f64) -> Vec<f64> {
+    let radius = width * own.extent();
+    let mut values = vec![0.0; session.rows()];
+    for rows in &session.segments {
+        let mut play = own.simulated[rows.start];
+        for row in rows.clone() {
+            let signal = own.simulated[row];
+            play = play.clamp(signal - radius, signal + radius);
+            values[row] = play - signal;
+        }
+    }
+    values
 }

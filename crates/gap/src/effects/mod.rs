@@ -148,6 +148,11 @@ impl Column {
         Self { is_positive: true, ..self }
     }
 
+    /// Not negative on a simulator's torque, whose sign is known; a gauge's depends on how it was wired and built in.
+    fn braking(self, session: &Session, channel: usize) -> Self {
+        Self { is_positive: session.channels[channel].gauge.is_none(), ..self }
+    }
+
     fn role(mut self, role: Role) -> Self {
         self.role = role;
         self
@@ -221,6 +226,11 @@ pub trait Effect: Sync {
 #[must_use]
 pub fn by_id(id: &str) -> Option<usize> {
     CATALOGUE.iter().position(|effect| effect.id() == id)
+}
+
+/// In which sense a gauge shows a torque that is in parallel with it: it takes load away from the gauge.
+fn relief(session: &Session, channel: usize) -> f64 {
+    if session.channels[channel].gauge.is_some() { -1.0 } else { 1.0 }
 }
 
 /// A place for every channel.

@@ -32,7 +32,7 @@ impl Effect for Nonlinearity {
 
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
         let _ = session;
-        vec![vec![2.0], vec![3.0]]
+        [ALONE, BESIDE_A_LINE].iter().flat_map(|kind| [2.0, 3.0].map(|order| vec![order, *kind])).collect()
     }
 
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
@@ -46,10 +46,21 @@ impl Effect for Nonlinearity {
         } else {
             own.simulated.iter().map(bend).collect()
         };
-        vec![Column::value("relative", "1", 0.1, channel, values)]
+        let bent = Column::value("relative", "1", 0.1, channel, values);
+        if shape[1] == ALONE {
+            return vec![bent];
+        }
+        let line = Column::value("", "1", 0.1, channel, own.simulated.clone()).role(Role::Nuisance);
+        let constant = Column::value("", &own.unit, 0.1 * extent, channel, vec![1.0; session.rows()]);
+        vec![bent, line, constant.role(Role::Nuisance)]
     }
 
     fn experiment(&self) -> &'static str {
         "loads of twice the size in the same poses"
     }
 }
+
+/// The power by itself.
+const ALONE: f64 = 0.0;
+/// What a straight line leaves of it: the line was calibrated over the bend.
+const BESIDE_A_LINE: f64 = 1.0;

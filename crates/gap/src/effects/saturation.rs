@@ -37,6 +37,10 @@ impl Effect for Saturation {
         parts.map(|part| vec![middle + part * half]).to_vec()
     }
 
+    fn is_continuous(&self) -> bool {
+        true
+    }
+
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];

@@ -84,7 +84,20 @@ fn departures(session: &Session, channel: usize, far: f64) -> Vec<f64> {
     let read = values.iter().enumerate().filter(|(row, _)| own.is_read(*row));
     let mut sizes: Vec<f64> = read.map(|(_, value)| value.abs()).collect();
     let usual = median(&mut sizes) / MEDIAN_MAGNITUDE;
-    values.iter().map(|value| if value.abs() > far * usual { *value } else { 0.0 }).collect()
+    let is_far = |row: usize| values[row].abs() > far * usual;
+    let is_spike = |row: usize| is_far(row) && is_alone(session, own, row, &is_far);
+    (0..values.len()).map(|row| if is_spike(row) { values[row] } else { 0.0 }).collect()
+}
+
+/// Whether at most one of the readings nearby is far off too, and all were usable: what lasts longer is motion or load.
+fn is_alone(
+    session: &Session,
+    own: &crate::session::Channel,
+    row: usize,
+    is_far: &impl Fn(usize) -> bool,
+) -> bool {
+    let near = row.saturating_sub(REACH)..(row + REACH + 1).min(session.rows());
+    near.clone().all(|k| own.is_read(k)) && near.filter(|k| is_far(*k)).count() <= 2
 }
 
 fn median(values: &mut [f64]) -> f64 {

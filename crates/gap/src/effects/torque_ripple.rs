@@ -33,15 +33,18 @@ impl Effect for TorqueRipple {
         &[("cycles_per_rev", "1")]
     }
 
-    fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
-        let _ = session;
-        // Lower orders are what weight makes of the angle.
-        [
-            4, 6, 8, 10, 12, 16, 20, 24, 30, 32, 36, 40, 48, 50, 60, 64, 72, 80, 100, 120, 128, 144, 160,
-            200, 202, 240, 320, 322,
-        ]
-        .map(|order| vec![f64::from(order)])
-        .to_vec()
+    fn shapes(&self, session: &Session, place: Place) -> Vec<Shape> {
+        let Place::Joint(joint) = place else { return Vec::new() };
+        let mut orders: Vec<f64> = USUAL.to_vec();
+        for (channel, _) in moment_channels(session, joint) {
+            let own = &session.channels[channel];
+            let power =
+                crate::spectrum::power_by_order(&session.joints[joint].position_rad, &own.gap, HIGHEST);
+            orders.extend(crate::spectrum::peaks(&power, LOWEST, PEAKS).into_iter().map(f64::round));
+        }
+        orders.sort_by(f64::total_cmp);
+        orders.dedup();
+        orders.into_iter().map(|order| vec![order]).collect()
     }
 
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
@@ -72,3 +75,12 @@ impl Effect for TorqueRipple {
         "each joint turned slowly and evenly through its range"
     }
 }
+
+/// Orders that gears in use have; any other must stand out of the gap by itself.
+const USUAL: [f64; 10] = [60.0, 100.0, 120.0, 160.0, 200.0, 202.0, 240.0, 242.0, 320.0, 322.0];
+/// Lower orders are what weight makes of the angle.
+const LOWEST: usize = 4;
+/// Orders from 0 that are looked at.
+const HIGHEST: usize = 400;
+/// Orders that stand out and are tried.
+const PEAKS: usize = 4;

@@ -3,9 +3,12 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use calibration::Recording;
 use gap::Diagnosis;
 use gap::diagnosis::Verdict;
+use rig::{ModelFile, Rig, Run};
 
+use super::calibrate::{load_runs, read};
 use crate::output::{self, Side, Table};
 use crate::progress::Progress;
 use crate::{Error, Outcome};
@@ -13,9 +16,12 @@ use crate::{Error, Outcome};
 /// What to diagnose.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// A comparison directory: comparison.toml with its table beside it
-    #[arg(value_name = "COMPARISON", required = true)]
+    /// Run directories of one arm, or a comparison directory (comparison.toml with its table beside it)
+    #[arg(value_name = "RUN|COMPARISON", required = true)]
     pub inputs: Vec<PathBuf>,
+    /// The model whose prediction is the simulation of the runs
+    #[arg(long, value_name = "MODEL")]
+    pub model: Option<PathBuf>,
     /// Also write the result as JSON; - is standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -23,10 +29,12 @@ pub struct Args {
 
 /// Diagnoses, and prints the short form.
 pub fn run(args: Args) -> Result<Outcome, Error> {
-    let dir = only_comparison(&args.inputs)?;
-    let session = gap::comparison::load(dir)?;
+    let session = match args.inputs.iter().find(|dir| gap::comparison::is_comparison(dir)) {
+        Some(_) => gap::comparison::load(only_comparison(&args)?)?,
+        None => runs(&args)?,
+    };
     let diagnosis = {
-        let progress = Progress::steps(0, &dir.display().to_string());
+        let progress = Progress::steps(0, "diagnosing");
         gap::diagnose(&session, |done, of| {
             progress.of(of);
             progress.at(done);
@@ -43,27 +51,39 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     Ok(Outcome::Done)
 }
 
-fn only_comparison(inputs: &[PathBuf]) -> Result<&PathBuf, Error> {
-    let first = inputs.first().ok_or_else(|| Error::usage("no comparison directory given"))?;
-    for dir in inputs {
-        if dir.join("run.toml").is_file() {
-            let text = "is a run; this version diagnoses comparisons (comparison.toml: measured and simulated columns)";
-            return Err(Error::usage(format!("{} {text}", dir.display())));
-        }
-        if !gap::comparison::is_comparison(dir) {
-            let text = "has no comparison.toml; give the directory that it is in";
-            return Err(Error::usage(format!("{} {text}", dir.display())));
-        }
-    }
-    if let Some(second) = inputs.get(1) {
+/// The session of the runs, with the model's prediction as the simulation.
+fn runs(args: &Args) -> Result<gap::Session, Error> {
+    let runs = load_runs(&args.inputs)?;
+    let Some(path) = &args.model else {
+        let text = "runs are compared with what a model predicts, and none is given; add --model MODEL (`wrenchctl calibrate` writes one)";
+        return Err(Error::usage(text));
+    };
+    let rig = Rig::load(runs[0].config.clone())?;
+    let model = ModelFile::load(path, &rig)?;
+    let mut recordings: Vec<(&Run, Recording)> = runs.iter().zip(read(&runs, &rig)?).collect();
+    // History goes on from run to run.
+    recordings.sort_by_key(|(_, recording)| recording.start_ns);
+    let pairs: Vec<(&Run, &Recording)> = recordings.iter().map(|(run, recording)| (*run, recording)).collect();
+    Ok(gap::runs::session(&rig, &model, &pairs)?)
+}
+
+fn only_comparison(args: &Args) -> Result<&PathBuf, Error> {
+    let [only] = args.inputs.as_slice() else {
+        let names: Vec<String> = args.inputs.iter().map(|dir| dir.display().to_string()).collect();
         let text = format!(
-            "{} and {}: one comparison at a time; put several recordings into one table, told apart by `recording`",
-            first.display(),
-            second.display()
+            "{}: one comparison at a time, and no runs beside it; put several recordings into one table, told apart by `recording`",
+            names.join(" and ")
+        );
+        return Err(Error::usage(text));
+    };
+    if let Some(model) = &args.model {
+        let text = format!(
+            "--model {}: a comparison brings its own simulation (the simulated columns); leave --model out",
+            model.display()
         );
         return Err(Error::usage(text));
     }
-    Ok(first)
+    Ok(only)
 }
 
 fn summary(diagnosis: &Diagnosis, out: &mut impl Write) -> Result<(), Error> {
