@@ -29,6 +29,6 @@ fn main() {
             let p: Vec<String> = f.parameters.iter().map(|(n, p)| format!("{n}={:.4e}±{:.1e}", p.value, p.sigma.unwrap_or(0.0))).collect();
             println!("    {} {:?} {:?} {:?} share {:.3} conf {:.2} like {:?} | {}", f.effect, f.sensors, f.joints, f.links, f.share, f.confidence, f.indistinguishable_from, p.join(" "));
         }
-        if verbose { println!("{}", serde_json::to_string_pretty(&d).unwrap()); }
+        if verbose { println!("{d:#?}"); }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::attribute::{self, Chosen, Subsets};
 use crate::bootstrap::Bootstrap;
-use crate::candidates::{Candidates, Choice, Training};
+use crate::candidates::{Candidates, Choice, Training, sum_of_difference};
 use crate::diagnosis::{Diagnosis, NotTestable};
 use crate::effects::CATALOGUE;
 use crate::folds;
@@ -14,6 +14,9 @@ use crate::measure::Measure;
 use crate::session::Session;
 use crate::words;
 use std::collections::BTreeSet;
+
+/// A fold's choice gives way to that of all data if this explains at least so much of what it does on the fold's own training data.
+const ALIKE: f64 = 0.97;
 
 /// Where a session's gap lies, which effects cause it, and how far it shrinks on what was left out.
 ///
@@ -32,14 +35,18 @@ pub fn diagnose(session: &Session, mut tell: impl FnMut(u64, u64)) -> Diagnosis 
     };
     let mut chosen = Vec::with_capacity(outer.len());
     let mut main = None;
+    let mut trainings = Vec::new();
     for fold in outer {
         let training = folds::training(&session.hold_out, &fold.fit, floor_of(session, &fold.fit));
         let (choice, terms) = select(&mut library, &candidates, &training, &bootstrap);
         if !session.hold_out.reserved.is_empty() {
             main = Some((training, choice));
+            chosen.push(Chosen { fold, terms });
+            step();
+            continue;
         }
-        if std::env::var("DBG").is_ok() { eprintln!("fold {:?}", terms.iter().map(|id| (CATALOGUE[library.terms[*id].effect].id(), library.terms[*id].place, library.terms[*id].shape.clone())).collect::<Vec<_>>()); }
         chosen.push(Chosen { fold, terms });
+        trainings.push((training, choice));
         step();
     }
     let (training, main) = main.unwrap_or_else(|| {
@@ -49,6 +56,15 @@ pub fn diagnose(session: &Session, mut tell: impl FnMut(u64, u64)) -> Diagnosis 
         (training, choice)
     });
     step();
+    for (part, (training, own)) in chosen.iter_mut().zip(&trainings) {
+        let mut search = Search { library: &mut library, candidates: &candidates, training, bootstrap: &bootstrap };
+        let nothing = search.choice(Vec::new());
+        let same = search.choice(main.terms.clone());
+        // Where effects look alike, chance must not name another one in every part of the data.
+        if sum_of_difference(&nothing, &same) >= ALIKE * sum_of_difference(&nothing, own) {
+            part.terms.clone_from(&main.terms);
+        }
+    }
     add_events(&library, &main, &mut chosen);
     let mut effects = attribute::established(&library, &main, &chosen);
     let mut notes = session.notes.clone();

@@ -62,7 +62,8 @@ pub(crate) struct Search<'c, 'l, 's> {
 fn best_shape(screen: &Screen<'_, '_>, library: &Library<'_>, shapes: &[TermId]) -> Option<(f64, TermId)> {
     let gains: Vec<(f64, TermId)> = shapes.iter().map(|id| (screen.gain(*id), *id)).collect();
     let most = gains.iter().map(|(gain, _)| *gain).max_by(f64::total_cmp)?;
-    let as_good = gains.into_iter().filter(|(gain, _)| most - gain <= EQUALLY_GOOD * most.abs());
+    let within = if library.session.hold_out.is_even.is_empty() { 0.0 } else { EQUALLY_GOOD };
+    let as_good = gains.into_iter().filter(|(gain, _)| most - gain <= within * most.abs());
     as_good.min_by(|a, b| {
         let freedom = |id: TermId| library.terms[id].freedom();
         freedom(a.1).cmp(&freedom(b.1)).then(b.0.total_cmp(&a.0))
