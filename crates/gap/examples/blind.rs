@@ -139,7 +139,7 @@ fn runs(folder: &Path, all: &Path) -> Result<Vec<PathBuf>> {
         let mut text = format!(
             "format = 1\nconfig = \"../all/{config}\"\nlog = \"../all/can.log.gz\"\npurpose = \"evaluation\"\nsession = \"s\"\n{repeat}{loads}"
         );
-        for (from, to) in [(-1.0, from), (to, 4.0 * RUN_S + 1.0)].into_iter().filter(|(from, to)| to - from > 0.5) {
+        for (from, to) in [(0.0, from), (to, 4.0 * RUN_S + 0.5)].into_iter().filter(|(from, to)| to - from > 0.6) {
             text.push_str(&format!("\n[[exclude]]\nfrom = {from:?}\nto = {to:?}\n"));
         }
         std::fs::write(dir.join("run.toml"), text)?;

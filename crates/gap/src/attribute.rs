@@ -6,6 +6,7 @@ use crate::bootstrap::{Bootstrap, quantile, weighted};
 use crate::candidates::{Choice, sum_of_difference, without};
 use crate::diagnosis::{Finding, Parameter};
 use crate::effects::{CATALOGUE, Fitted, Place, Role};
+use crate::doubt::exceeds;
 use crate::fit::{Design, Fold};
 use crate::library::{Library, TermId};
 use crate::refine::shape_sigma;
@@ -119,7 +120,10 @@ pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usi
             let (rival, free) = (term.effect, term.freedom());
             let other = search.choice(rest.iter().copied().chain([id]).collect());
             // What needs many more parameters to do the same is no rival.
-            if free <= 2 * freedom + 1 && is_as_good(search, main, &other, gain) {
+            if free <= 2 * freedom + 1
+                && is_as_good(search, main, &other, gain)
+                && exceeds(search.library, &other.terms, rest.len(), &search.training.blocks)
+            {
                 *as_good.entry(rival).or_default() += gain;
             }
         }
@@ -179,6 +183,7 @@ pub(crate) fn describe(
         parameters: BTreeMap::new(),
         indistinguishable_from: Vec::new(),
         words: String::new(),
+        compensations: Vec::new(),
     };
     let own: Vec<usize> = (0..terms.len()).filter(|k| library.terms[terms[*k]].effect == effect).collect();
     for &index in &own {
@@ -200,6 +205,7 @@ pub(crate) fn describe(
             values: &values.as_slice()[range.clone()],
             sigmas: &sigmas.as_slice()[range],
         };
+        finding.compensations.extend(CATALOGUE[effect].compensate(library.session, &fitted));
         if let Some(reported) = CATALOGUE[effect].report(library.session, &fitted) {
             for (parameter, value, sigma, unit) in reported {
                 finding.parameters.insert(name(&parameter), Parameter { value, sigma, unit });

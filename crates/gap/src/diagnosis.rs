@@ -93,6 +93,9 @@ pub struct Finding {
     pub indistinguishable_from: Vec<String>,
     /// It all in a sentence.
     pub words: String,
+    /// What a calibrated model would have to be told; empty where the effect cannot be compensated by it.
+    #[serde(skip)]
+    pub compensations: Vec<crate::effects::Compensation>,
 }
 
 /// A parameter with its standard deviation.

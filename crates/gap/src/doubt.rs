@@ -7,6 +7,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::effects::Role;
 use crate::fit::Design;
 use crate::library::{Library, TermId};
 
@@ -49,10 +50,12 @@ pub(crate) fn exceeds(library: &mut Library<'_>, terms: &[TermId], known: usize,
     }
     let inverse = factor.inverse();
     let covariance = &inverse * spread * &inverse;
-    let count = width - first;
-    let own = covariance.view((first, first), (count, count)).into_owned();
-    let found = parameters.rows(first, count).into_owned();
-    statistic(own, &found) > chi2_quantile(count)
+    // What only comes along (a scale beside a bend) must not carry the effect.
+    let roles = terms.iter().flat_map(|id| &library.terms[*id].columns).map(|column| column.role);
+    let own: Vec<usize> = (0..width).zip(roles).skip(first).filter(|(_, role)| *role != Role::Nuisance).map(|(k, _)| k).collect();
+    let found = DVector::from_fn(own.len(), |k, _| parameters[own[k]]);
+    let covariance = DMatrix::from_fn(own.len(), own.len(), |r, c| covariance[(own[r], own[c])]);
+    statistic(covariance, &found) > chi2_quantile(own.len())
 }
 
 /// `x' C^-1 x` over the directions that the data shows.

@@ -8,6 +8,7 @@
 //! What it does not do: tell effects apart that the data does not; find anything outside its catalogue; judge a gap whose
 //! noise nobody states.
 
+mod apply;
 mod attribute;
 mod bootstrap;
 mod candidates;
@@ -32,6 +33,7 @@ pub mod session;
 mod spectrum;
 mod words;
 
+pub use apply::apply;
 pub use diagnose::diagnose;
 pub use diagnosis::Diagnosis;
 pub use error::Error;

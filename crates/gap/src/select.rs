@@ -258,7 +258,13 @@ impl Search<'_, '_, '_> {
 
     /// Whether what `next` adds is more than noise and the simulation's own uncertainty make of nothing.
     fn is_beyond_doubt(&mut self, now: &Choice, next: &Choice) -> bool {
-        exceeds(self.library, &next.terms, now.terms.len(), &self.training.blocks)
+        let added: Vec<TermId> = next.terms[now.terms.len()..].to_vec();
+        // Each by itself: in a crowd one could do the work for all.
+        added.iter().all(|id| {
+            let others = next.terms.iter().copied().filter(|other| other != id);
+            let terms: Vec<TermId> = others.chain([*id]).collect();
+            exceeds(self.library, &terms, terms.len() - 1, &self.training.blocks)
+        })
     }
 
     /// Whether `next` is better than `now` on what was left out: by a practical minimum, beyond doubt and in most folds.

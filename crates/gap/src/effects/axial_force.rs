@@ -37,15 +37,28 @@ impl Effect for AxialForce {
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let Some(gauge) = &session.channels[channel].gauge else { return Vec::new() };
-        let Some(frame) = Compliance::from_vector(&gauge.compliance).actual_frame() else {
-            return Vec::new();
-        };
-        let along = frame.axes().row(2) * frame.r_counts_per_nm;
-        let change = Vector6::new(along[0], along[1], along[2], 0.0, 0.0, 0.0);
+        let Some(change) = per_metre(&gauge.compliance) else { return Vec::new() };
         vec![Column::value("pitch_m", "m", 0.01, channel, changed(gauge, &change))]
+    }
+
+    fn compensate(&self, session: &Session, term: &Fitted<'_>) -> Vec<Compensation> {
+        let Place::Channel(channel) = term.place else { return Vec::new() };
+        let Some(gauge) = &session.channels[channel].gauge else { return Vec::new() };
+        let change = per_metre(&gauge.compliance).zip(term.values.first());
+        change
+            .map(|(change, pitch_m)| Compensation::Compliance { gauge: channel, change: change * *pitch_m })
+            .into_iter()
+            .collect()
     }
 
     fn experiment(&self) -> &'static str {
         "different masses at one point: force along the axis must change by itself"
     }
+}
+
+/// Change of a compliance by a pitch, per m.
+fn per_metre(compliance: &Vector6<f64>) -> Option<Vector6<f64>> {
+    let frame = Compliance::from_vector(compliance).actual_frame()?;
+    let along = frame.axes().row(2) * frame.r_counts_per_nm;
+    Some(Vector6::new(along[0], along[1], along[2], 0.0, 0.0, 0.0))
 }

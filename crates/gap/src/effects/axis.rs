@@ -72,6 +72,16 @@ impl Effect for SensingAxis {
         Some(reported(&before, &after, (!whole).then_some(term.sigmas)))
     }
 
+    fn compensate(&self, session: &Session, term: &Fitted<'_>) -> Vec<Compensation> {
+        let Place::Channel(channel) = term.place else { return Vec::new() };
+        let Some(gauge) = &session.channels[channel].gauge else { return Vec::new() };
+        let directions =
+            if term.shape[0] == MOVED { tangent(&gauge.compliance).unwrap_or_default() } else { components() };
+        let mut change = Vector6::zeros();
+        directions.iter().zip(term.values).for_each(|(direction, value)| change += direction * *value);
+        vec![Compensation::Compliance { gauge: channel, change }]
+    }
+
     fn experiment(&self) -> &'static str {
         "loads in other directions at other points"
     }

@@ -31,6 +31,11 @@ impl Effect for EncoderOffset {
         arm::turn_columns(session, joint, |_| 1.0, ("rad", "rad", 0.02))
     }
 
+    fn compensate(&self, _session: &Session, term: &Fitted<'_>) -> Vec<Compensation> {
+        let Place::Joint(coordinate) = term.place else { return Vec::new() };
+        term.values.first().map(|rad| Compensation::Zero { coordinate, rad: *rad }).into_iter().collect()
+    }
+
     fn experiment(&self) -> &'static str {
         "held poses far apart, with a known weight at the tip"
     }

@@ -82,7 +82,9 @@ impl Effect for ExternalContact {
 /// The stretch (s) in which these channels' gap is largest against the rest.
 fn stretch(session: &Session, channels: &[usize]) -> Option<[f64; 2]> {
     let time_s = session.time_s.as_ref()?;
-    let (first, last) = (*time_s.first()?, *time_s.last()?);
+    // Runs of other sessions may overlap in time.
+    let first = time_s.iter().copied().min_by(f64::total_cmp)?;
+    let last = time_s.iter().copied().max_by(f64::total_cmp)?;
     let bins = ((last - first) / BIN_S) as usize + 1;
     let (mut squares, mut counts) = (vec![0.0; bins], vec![0.0; bins]);
     for &channel in channels {

@@ -32,6 +32,14 @@ impl Effect for Gain {
         vec![Column::value("relative", "1", 0.2, channel, own.simulated.clone())]
     }
 
+    fn compensate(&self, session: &Session, term: &Fitted<'_>) -> Vec<Compensation> {
+        let Place::Channel(gauge) = term.place else { return Vec::new() };
+        let own = session.channels[gauge].gauge.as_ref().zip(term.values.first());
+        own.map(|(own, relative)| Compensation::Compliance { gauge, change: own.compliance * *relative })
+            .into_iter()
+            .collect()
+    }
+
     fn experiment(&self) -> &'static str {
         "loads of twice the size in the same poses"
     }

@@ -178,6 +178,43 @@ pub struct Fitted<'a> {
 /// A parameter to report: name, value, standard deviation where it is known, unit.
 pub type Reported = (String, f64, Option<f64>, String);
 
+/// A change of a calibrated model that takes a found effect into account.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Compensation {
+    /// A gauge's bias, counts.
+    Bias {
+        /// Index of the gauge.
+        gauge: usize,
+        /// What is added, counts.
+        counts: f64,
+    },
+    /// A gauge's compliance.
+    Compliance {
+        /// Index of the gauge.
+        gauge: usize,
+        /// What is added, counts/N and counts/Nm, in S.
+        change: nalgebra::Vector6<f64>,
+    },
+    /// A further term of a gauge.
+    Term {
+        /// Index of the gauge.
+        gauge: usize,
+        /// Which, with its shape.
+        effect: model::terms::Effect,
+        /// Counts for a regressor of one.
+        counts: f64,
+        /// What the gauge's readings are scaled by in terms: centre and scale, counts.
+        scaling: [f64; 2],
+    },
+    /// A joint's zero: true position less the encoder's.
+    Zero {
+        /// Coordinate of the joint.
+        coordinate: usize,
+        /// rad.
+        rad: f64,
+    },
+}
+
 /// A physical effect that a simulation may lack.
 pub trait Effect: Sync {
     /// Its name in files and reports.
@@ -216,6 +253,11 @@ pub trait Effect: Sync {
     /// The parameters to report, by name with value, standard deviation and unit, where they are others than the columns' own.
     fn report(&self, _session: &Session, _term: &Fitted<'_>) -> Option<Vec<Reported>> {
         None
+    }
+
+    /// What a calibrated model would have to be told so that it holds no gap of this kind any more; nothing where it cannot be told.
+    fn compensate(&self, _session: &Session, _term: &Fitted<'_>) -> Vec<Compensation> {
+        Vec::new()
     }
 
     /// What another recording would need in order to tell this effect from others.

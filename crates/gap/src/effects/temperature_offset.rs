@@ -70,6 +70,25 @@ impl Effect for TemperatureOffset {
         ]
     }
 
+    fn compensate(&self, session: &Session, term: &Fitted<'_>) -> Vec<Compensation> {
+        let Place::Channel(gauge) = term.place else { return Vec::new() };
+        let (Some(temperature), [per_k, constant]) = (session.temperature_of(gauge), term.values) else {
+            return Vec::new();
+        };
+        let lag_s = term.shape[0].max(session.step_s().unwrap_or(1e-3));
+        let reference_c = mean(&lagged(session, temperature, term.shape[0]));
+        let own = &session.channels[gauge];
+        vec![
+            Compensation::Bias { gauge, counts: *constant },
+            Compensation::Term {
+                gauge,
+                effect: model::terms::Effect::Temperature { lag_s, reference_c },
+                counts: *per_k,
+                scaling: [0.0, own.extent()],
+            },
+        ]
+    }
+
     fn experiment(&self) -> &'static str {
         "the same load while the room warms and cools again"
     }

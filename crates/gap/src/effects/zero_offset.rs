@@ -34,6 +34,11 @@ impl Effect for ZeroOffset {
         vec![Column::value("offset", &own.unit, plausible, channel, vec![1.0; session.rows()])]
     }
 
+    fn compensate(&self, _session: &Session, term: &Fitted<'_>) -> Vec<Compensation> {
+        let Place::Channel(gauge) = term.place else { return Vec::new() };
+        term.values.first().map(|counts| Compensation::Bias { gauge, counts: *counts }).into_iter().collect()
+    }
+
     fn experiment(&self) -> &'static str {
         "a recording after a tare"
     }

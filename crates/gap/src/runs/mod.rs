@@ -16,6 +16,8 @@ use crate::division;
 use crate::session::{Channel, Gauge, Joint, Kinematics, Quantity, Sensing, Session};
 use predict::Prediction;
 
+/// So close to a change of the load it is not known which of them hung there, s.
+const CHANGE_S: f64 = 0.02;
 /// Stretches further apart than this are no uninterrupted history, s.
 const INTERRUPTION_S: f64 = 0.5;
 
@@ -93,7 +95,8 @@ impl Table {
             let t_s = recording.time_s(instant);
             let motion: Vec<JointMotion> = smoothed.iter().map(|column| column[instant]).collect();
             prediction.condition(recording, instant);
-            if recording.is_excluded(t_s) {
+            let is_changing = recording.loads.at(t_s - CHANGE_S) != recording.loads.at(t_s + CHANGE_S);
+            if recording.is_excluded(t_s) || (is_changing && instant > 0) {
                 continue;
             }
             prediction.row(recording, t_s, &motion);

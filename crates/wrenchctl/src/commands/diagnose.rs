@@ -10,6 +10,7 @@ use rig::{ModelFile, Rig, Run};
 
 use super::calibrate::{load_runs, read};
 use crate::output::{self, Side, Table};
+use crate::pages;
 use crate::progress::Progress;
 use crate::{Error, Outcome};
 
@@ -25,6 +26,12 @@ pub struct Args {
     /// Also write the result as JSON; - is standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Also write a report to look at: one HTML page
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Also write the model with the found effects in it, as far as the daemon can compensate them
+    #[arg(long, value_name = "MODEL2")]
+    pub apply: Option<PathBuf>,
 }
 
 /// Diagnoses, and prints the short form.
@@ -43,12 +50,36 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     if let Some(path) = &args.json {
         output::write_json(path, &diagnosis)?;
     }
+    if let Some(path) = &args.report {
+        let names: Vec<String> = args.inputs.iter().map(|dir| dir.display().to_string()).collect();
+        output::write_file(path, pages::diagnosis::page(&diagnosis, &names.join(", ")).html().as_bytes())?;
+    }
+    if let Some(path) = &args.apply {
+        apply(&args, path, &diagnosis)?;
+    }
     if args.json.as_deref() != Some(Path::new("-")) {
         let mut out = output::stdout();
         summary(&diagnosis, &mut out)?;
         out.flush()?;
     }
     Ok(Outcome::Done)
+}
+
+/// Writes the model with what was found; says what it cannot hold.
+fn apply(args: &Args, path: &Path, diagnosis: &Diagnosis) -> Result<(), Error> {
+    let Some(from) = &args.model else {
+        let text = format!("--apply {}: a comparison has no model to change; leave --apply out", path.display());
+        return Err(Error::usage(text));
+    };
+    let rig = Rig::load(load_runs(&args.inputs)?[0].config.clone())?;
+    let (model, left) = gap::apply(&ModelFile::load(from, &rig)?, &rig, diagnosis);
+    output::write_file(path, model.to_toml().as_bytes())?;
+    for effect in left {
+        let finding = diagnosis.findings.iter().find(|finding| finding.effect == effect);
+        let words = finding.map_or("", |finding| finding.words.as_str());
+        output::note(format_args!("{effect} is not in {}: a model cannot hold it; {words}", path.display()));
+    }
+    Ok(())
 }
 
 /// The session of the runs, with the model's prediction as the simulation.
