@@ -134,7 +134,7 @@ fn profile(key: &str, bins: &[&Bin]) -> Bars {
     let title = if first.name == key { key.to_owned() } else { format!("{key}: {}", first.name) };
     let mut bars = Bars::new(title, "RMS over noise", &["before", "after"]);
     for bin in bins {
-        let name = format!("{} to {} {}", report::short(bin.from), report::short(bin.to), bin.unit);
+        let name = format!("{} to {} {}", report::number(bin.from, 3), report::number(bin.to, 3), bin.unit);
         bars = bars.row(name, &[Some(bin.before), Some(bin.after)]);
     }
     bars
