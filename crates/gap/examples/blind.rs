@@ -61,7 +61,8 @@ fn main() -> Result<()> {
                 case(&rig, &truth, &model, &spec, seed, folder.path(), &mut table)?;
             }
         }
-        for (index, pair) in Kind::ALL.chunks_exact(2).enumerate().filter(|(k, _)| k % 2 == arm as usize % 2) {
+        for (index, pair) in Kind::ALL.chunks_exact(2).enumerate().filter(|(k, _)| k % 2 == arm as usize % 2)
+        {
             let spec = [(pair[0], 3.0), (pair[1], 3.0)];
             case(&rig, &truth, &model, &spec, 31 * arm + index as u64, folder.path(), &mut table)?;
         }
@@ -119,7 +120,12 @@ fn session(rig: &Rig, seed: u64) -> Result<Scenario> {
     }
     let mut scenario = Scenario::of_motion(trajectory);
     for (from, to, com_m) in [(1.0, 3.0, [0.0, 0.0, 0.05]), (3.0, 4.0, [0.08, 0.0, 0.03])] {
-        scenario.loads.push(rig::run::LoadInterval { from_s: from * RUN_S, to_s: to * RUN_S, mass_kg: 0.5, com_m });
+        scenario.loads.push(rig::run::LoadInterval {
+            from_s: from * RUN_S,
+            to_s: to * RUN_S,
+            mass_kg: 0.5,
+            com_m,
+        });
     }
     Ok(scenario)
 }
@@ -139,7 +145,9 @@ fn runs(folder: &Path, all: &Path) -> Result<Vec<PathBuf>> {
         let mut text = format!(
             "format = 1\nconfig = \"../all/{config}\"\nlog = \"../all/can.log.gz\"\npurpose = \"evaluation\"\nsession = \"s\"\n{repeat}{loads}"
         );
-        for (from, to) in [(0.0, from), (to, 4.0 * RUN_S + 0.5)].into_iter().filter(|(from, to)| to - from > 0.6) {
+        for (from, to) in
+            [(0.0, from), (to, 4.0 * RUN_S + 0.5)].into_iter().filter(|(from, to)| to - from > 0.6)
+        {
             text.push_str(&format!("\n[[exclude]]\nfrom = {from:?}\nto = {to:?}\n"));
         }
         std::fs::write(dir.join("run.toml"), text)?;
@@ -172,7 +180,8 @@ fn case(
     std::fs::create_dir_all(&own)?;
     let options = Options { seed: seed ^ 0xABCD, ..Options::default() };
     write_run(&all, rig, &truth, &scenario, options, &Notes::default(), &mut |_| true)?;
-    let runs: Vec<Run> = runs(&own, &all)?.iter().map(|dir| Run::load(dir)).collect::<std::result::Result<_, _>>()?;
+    let runs: Vec<Run> =
+        runs(&own, &all)?.iter().map(|dir| Run::load(dir)).collect::<std::result::Result<_, _>>()?;
     let read = |run: &Run| Recording::read(run, rig, |_| {});
     let recordings: Vec<Recording> = runs.iter().map(read).collect::<std::result::Result<_, _>>()?;
     let pairs: Vec<(&Run, &Recording)> = runs.iter().zip(&recordings).collect();
@@ -215,7 +224,8 @@ fn score(
     score.in_set += u32::from(in_set);
     score.place += u32::from(in_set && put_in.len() == 1 && at_place(rig, truth, diagnosis));
     let strangers = found.iter().filter(|id| {
-        let like = diagnosis.findings.iter().filter(|f| f.effect == **id).flat_map(|f| &f.indistinguishable_from);
+        let like =
+            diagnosis.findings.iter().filter(|f| f.effect == **id).flat_map(|f| &f.indistinguishable_from);
         !true_ids.contains(id) && !like.into_iter().any(|like| true_ids.contains(&like.as_str()))
     });
     score.false_causes += strangers.count() as u32;
@@ -252,17 +262,23 @@ fn places(finding: &wrenchd_gap::diagnosis::Finding) -> &[String] {
 
 /// Whether the first finding sits where the effect was put in.
 fn at_place(rig: &Rig, truth: &Truth, diagnosis: &Diagnosis) -> bool {
-    let (Some(effect), Some(first)) = (truth.effects.list.first(), diagnosis.findings.first()) else { return false };
+    let (Some(effect), Some(first)) = (truth.effects.list.first(), diagnosis.findings.first()) else {
+        return false;
+    };
     match effect.place {
         sim::effects::Place::Gauge(gauge) => first.sensors.contains(&rig.layout.gauges[gauge].name),
-        sim::effects::Place::Joint(joint) => first.joints.iter().any(|name| *name == rig.chain.coordinate_names()[joint]),
+        sim::effects::Place::Joint(joint) => {
+            first.joints.iter().any(|name| *name == rig.chain.coordinate_names()[joint])
+        }
         sim::effects::Place::Link(link) => first.links.contains(&rig.chain.joints[link].child_link),
         sim::effects::Place::Arm => true,
     }
 }
 
 fn print(table: &BTreeMap<(String, String), Score>, seconds: f64) {
-    println!("\n| effect | size | cases | right first | right or said to be alike | right place too | false causes | shrink, median |");
+    println!(
+        "\n| effect | size | cases | right first | right or said to be alike | right place too | false causes | shrink, median |"
+    );
     println!("| --- | --- | --- | --- | --- | --- | --- | --- |");
     for ((effect, size), score) in table {
         let mut shrink = score.shrink.clone();
@@ -273,11 +289,14 @@ fn print(table: &BTreeMap<(String, String), Score>, seconds: f64) {
             score.cases, score.first, score.in_set, score.place, score.false_causes
         );
     }
-    println!("\n| all single effects at size | cases | right first | right or alike | right place too | false causes | mean confidence |");
+    println!(
+        "\n| all single effects at size | cases | right first | right or alike | right place too | false causes | mean confidence |"
+    );
     println!("| --- | --- | --- | --- | --- | --- | --- |");
     let mut by_size: BTreeMap<String, Score> = BTreeMap::new();
     let outside: Vec<&str> = OUTSIDE.iter().map(|kind| kind.id()).collect();
-    for ((effect, size), score) in table.iter().filter(|((effect, _), _)| !outside.contains(&effect.as_str())) {
+    for ((effect, size), score) in table.iter().filter(|((effect, _), _)| !outside.contains(&effect.as_str()))
+    {
         if effect == "nothing" || effect == "pairs" {
             continue;
         }

@@ -68,7 +68,10 @@ fn turn(sensor: &mut rig::model_file::Sensor, change: &nalgebra::Vector6<f64>) {
 fn zero(model: &mut ModelFile, rig: &Rig, coordinate: usize, rad: f64) {
     let joints = &rig.chain.joints;
     let arm = model.arm.get_or_insert_with(|| Arm {
-        joints: joints.iter().map(|joint| ArmJoint { name: joint.name.clone(), ..ArmJoint::default() }).collect(),
+        joints: joints
+            .iter()
+            .map(|joint| ArmJoint { name: joint.name.clone(), ..ArmJoint::default() })
+            .collect(),
         ..Arm::default()
     });
     for (own, joint) in arm.joints.iter_mut().zip(joints) {

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::bootstrap::{Bootstrap, quantile, weighted};
 use crate::candidates::{Choice, sum_of_difference, without};
 use crate::diagnosis::{Finding, Parameter};
-use crate::effects::{CATALOGUE, Fitted, Place, Role};
 use crate::doubt::exceeds;
+use crate::effects::{CATALOGUE, Fitted, Place, Role};
 use crate::fit::{Design, Fold};
 use crate::library::{Library, TermId};
 use crate::refine::shape_sigma;
@@ -122,7 +122,8 @@ pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usi
             // What needs many more parameters to do the same is no rival.
             if free <= 2 * freedom + 1
                 && is_as_good(search, main, &other, gain)
-                && exceeds(search.library, &other.terms, rest.len(), &search.training.blocks)
+                && (search.library.session.hold_out.is_even.is_empty()
+                    || exceeds(search.library, &other.terms, rest.len(), &search.training.blocks))
             {
                 *as_good.entry(rival).or_default() += gain;
             }

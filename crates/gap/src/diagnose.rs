@@ -8,9 +8,9 @@ use crate::effects::CATALOGUE;
 use crate::folds;
 use crate::library::{Library, TermId};
 use crate::location;
+use crate::measure::Measure;
 use crate::refine::refine;
 use crate::select::Search;
-use crate::measure::Measure;
 use crate::session::Session;
 use crate::words;
 use std::collections::BTreeSet;
@@ -57,7 +57,8 @@ pub fn diagnose(session: &Session, mut tell: impl FnMut(u64, u64)) -> Diagnosis 
     });
     step();
     for (part, (training, own)) in chosen.iter_mut().zip(&trainings) {
-        let mut search = Search { library: &mut library, candidates: &candidates, training, bootstrap: &bootstrap };
+        let mut search =
+            Search { library: &mut library, candidates: &candidates, training, bootstrap: &bootstrap };
         let nothing = search.choice(Vec::new());
         let same = search.choice(main.terms.clone());
         // Where effects look alike, chance must not name another one in every part of the data.

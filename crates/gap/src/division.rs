@@ -117,8 +117,7 @@ fn divide(
     words: String,
 ) -> HoldOut {
     let wanted = (BLOCKS / units.len().max(1)).max(FEWEST_BLOCKS_A_UNIT);
-    let mut division =
-        HoldOut {
+    let mut division = HoldOut {
         units,
         reserved,
         unit_of_block: Vec::new(),

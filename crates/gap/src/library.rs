@@ -158,13 +158,7 @@ impl<'a> Library<'a> {
         self.add(effect, place, shape, columns)
     }
 
-    fn add(
-        &mut self,
-        effect: usize,
-        place: Place,
-        shape: &[f64],
-        columns: Vec<Column>,
-    ) -> Option<TermId> {
+    fn add(&mut self, effect: usize, place: Place, shape: &[f64], columns: Vec<Column>) -> Option<TermId> {
         let informative = |column: &Column| {
             let size = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
             column.parts.iter().map(|(_, v)| size(v)).sum::<f64>() > 1e-18 * self.session.rows() as f64

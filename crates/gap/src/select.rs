@@ -41,6 +41,9 @@ const BEGINNINGS: usize = 3;
 /// Share of all folds' changes below which a fold's change counts for nothing.
 const LEAST_OF_FOLD: f64 = 0.02;
 
+/// Mean square over its noise by which a channel must improve, at most.
+const WORTH: f64 = 0.05;
+
 /// What a step brings.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum News {
@@ -125,9 +128,7 @@ impl Search<'_, '_, '_> {
         let all: Vec<TermId> = open.iter().flat_map(|shapes| shapes.iter().copied()).collect();
         self.library.prepare(&all, terms);
         let screen = Screen::new(self.library, terms, &self.training.blocks);
-        open.iter()
-            .filter_map(|shapes| best_shape(&screen, self.library, shapes))
-            .collect()
+        open.iter().filter_map(|shapes| best_shape(&screen, self.library, shapes)).collect()
     }
 
     fn site(&self, id: TermId) -> (usize, Place) {
@@ -243,7 +244,7 @@ impl Search<'_, '_, '_> {
     fn groups(&self, screened: &[(f64, TermId)], reducible: f64) -> Vec<Vec<TermId>> {
         let mut groups: BTreeMap<usize, Vec<TermId>> = BTreeMap::new();
         for (gain, id) in screened {
-            if *gain > reducible * LEAST_SHARE_OF_PLACE {
+            if *gain > self.least(LEAST_SHARE_OF_PLACE, reducible) {
                 groups.entry(self.library.terms[*id].effect).or_default().push(*id);
             }
         }
@@ -256,8 +257,23 @@ impl Search<'_, '_, '_> {
         groups
     }
 
+    /// Fall of the squared residual that is worth a finding: a share of what can go away, but where noise is known never more
+    /// than a fraction of one channel's noise, or a large gap would hide the others.
+    fn least(&self, share: f64, reducible: f64) -> f64 {
+        let session = self.library.session;
+        if session.hold_out.is_even.is_empty() {
+            return share * reducible;
+        }
+        let values: f64 = self.training.blocks.iter().map(|block| self.library.counts[*block]).sum();
+        (share * reducible).min(WORTH * values / session.channels.len().max(1) as f64)
+    }
+
     /// Whether what `next` adds is more than noise and the simulation's own uncertainty make of nothing.
     fn is_beyond_doubt(&mut self, now: &Choice, next: &Choice) -> bool {
+        if self.library.session.hold_out.is_even.is_empty() {
+            // A comparison states neither noise nor doubt that could be exceeded.
+            return true;
+        }
         let added: Vec<TermId> = next.terms[now.terms.len()..].to_vec();
         // Each by itself: in a crowd one could do the work for all.
         added.iter().all(|id| {
@@ -289,7 +305,7 @@ impl Search<'_, '_, '_> {
             News::Effect => (LEAST_SHARE, DOUBT, 3 * better >= 2 * asked),
             News::Place => (LEAST_SHARE_OF_PLACE, DOUBT_OF_PLACE, 2 * better >= asked),
         };
-        gains.iter().sum::<f64>() > least * reducible
+        gains.iter().sum::<f64>() > self.least(least, reducible)
             && most
             && self.bootstrap.quantile_of_sum(&gains, doubt) > 0.0
     }

@@ -102,14 +102,18 @@ mod tests {
     use super::*;
 
     fn noise(k: usize) -> f64 {
-        ((k as f64 * 12.9898).sin() * 43758.5453).fract() * 2.0 - 1.0
+        let mut z = (k as u64).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        ((z ^ (z >> 27)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
 
     #[test]
     fn a_hum_under_noise_is_found_between_the_bins() {
         let step_s = 0.008;
         let piece = |seed: usize| -> Vec<f64> {
-            (0..3000).map(|k| 0.3 * (TAU * 49.987 * k as f64 * step_s + seed as f64).sin() + noise(k + seed)).collect()
+            (0..3000)
+                .map(|k| 0.3 * (TAU * 49.987 * k as f64 * step_s + seed as f64).sin() + noise(k + seed))
+                .collect()
         };
         let (a, b) = (piece(1), piece(5000));
         let found = lines_hz(&[&a, &b], step_s, 3.0, 2);
@@ -121,7 +125,8 @@ mod tests {
     #[test]
     fn a_ripple_of_an_angle_is_found() {
         let angle: Vec<f64> = (0..4000).map(|k| (f64::from(k) * 0.003).sin() * 1.3).collect();
-        let values: Vec<f64> = angle.iter().enumerate().map(|(k, q)| 0.4 * (101.0 * q).sin() + noise(k)).collect();
+        let values: Vec<f64> =
+            angle.iter().enumerate().map(|(k, q)| 0.4 * (101.0 * q).sin() + noise(k)).collect();
         let found = peaks(&power_by_order(&angle, &values, 200), 3, 1);
         assert!(found.len() == 1 && (found[0] - 101.0).abs() < 0.8, "{found:?}");
     }

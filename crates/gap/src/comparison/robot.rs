@@ -64,9 +64,8 @@ fn sensing(session: &Session, chain: &Chain, joints: &[usize]) -> Vec<Sensing> {
     let of_joint = |joint: usize| {
         let section = Section::new(chain, &session.joints[joint].name, None).ok();
         let channels = moment_channels(session, joint);
-        channels.filter_map(move |(channel, _)| {
-            section.map(|section| Sensing { channel, section, row: minus_z })
-        })
+        channels
+            .filter_map(move |(channel, _)| section.map(|section| Sensing { channel, section, row: minus_z }))
     };
     joints.iter().flat_map(|joint| of_joint(*joint)).collect()
 }

@@ -175,7 +175,10 @@ fn columns_of_an_arm_are_those_of_a_pendulum() {
     write(dir.path(), &format!("{HEAD}time = \"t\"\n{robot}{channel}joint = \"j\"\n"), &text);
     std::fs::write(dir.path().join("p.urdf"), PENDULUM).unwrap();
     let session = load(dir.path()).unwrap();
-    let columns = |id: &str, place| CATALOGUE[by_id(id).unwrap()].columns(&session, place, &[]);
+    let columns = |id: &str, place| {
+        let effect = CATALOGUE[by_id(id).unwrap()];
+        effect.columns(&session, place, &effect.shapes(&session, place)[0])
+    };
     let check = |id: &str, place, parameter: &str, truth: &dyn Fn(f64) -> f64| {
         let columns = columns(id, place);
         let column = columns.iter().find(|column| column.parameter == parameter).unwrap();

@@ -302,8 +302,7 @@ pub(super) const IN_LINK: f64 = 1.0;
 /// What a force (per N) and a moment (per Nm) about a link's origin add at these rows.
 pub(super) fn force_columns(session: &Session, link: usize, rows: &[usize], frame: f64) -> Vec<Column> {
     let Some(arm) = arm(session) else { return Vec::new() };
-    let felt: Vec<usize> =
-        (0..arm.sensing.len()).filter(|k| arm.sensing[*k].section.joint <= link).collect();
+    let felt: Vec<usize> = (0..arm.sensing.len()).filter(|k| arm.sensing[*k].section.joint <= link).collect();
     let mut parts: Vec<BySensing> = vec![vec![vec![0.0; session.rows()]; felt.len()]; 6];
     let mut positions = vec![0.0; arm.joints.len()];
     for &row in rows {

@@ -75,8 +75,11 @@ impl Effect for SensingAxis {
     fn compensate(&self, session: &Session, term: &Fitted<'_>) -> Vec<Compensation> {
         let Place::Channel(channel) = term.place else { return Vec::new() };
         let Some(gauge) = &session.channels[channel].gauge else { return Vec::new() };
-        let directions =
-            if term.shape[0] == MOVED { tangent(&gauge.compliance).unwrap_or_default() } else { components() };
+        let directions = if term.shape[0] == MOVED {
+            tangent(&gauge.compliance).unwrap_or_default()
+        } else {
+            components()
+        };
         let mut change = Vector6::zeros();
         directions.iter().zip(term.values).for_each(|(direction, value)| change += direction * *value);
         vec![Compensation::Compliance { gauge: channel, change }]
@@ -88,7 +91,9 @@ impl Effect for SensingAxis {
 }
 
 fn reported(before: &ActualFrame, after: &ActualFrame, sigmas: Option<&[f64]>) -> Vec<Reported> {
-    let turned = |a: f64, b: f64| (b - a + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI;
+    let turned = |a: f64, b: f64| {
+        (b - a + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
+    };
     let values = [
         ("d_ax", turned(before.a_x_rad, after.a_x_rad), "rad"),
         ("d_ay", turned(before.a_y_rad, after.a_y_rad), "rad"),

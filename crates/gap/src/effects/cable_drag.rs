@@ -44,7 +44,9 @@ impl Effect for CableDrag {
             let per_nm = relief(session, channel) * per_nm;
             let plausible = 3.0 * session.channels[channel].rms_gap() / per_nm.abs() / span;
             let turned = moving.position_rad.iter().map(|q| per_nm * q).collect();
-            columns.push(Column::value("nm_per_rad", "Nm/rad", plausible, channel, turned).braking(session, channel));
+            columns.push(
+                Column::value("nm_per_rad", "Nm/rad", plausible, channel, turned).braking(session, channel),
+            );
             if shape[0] == STIFFENING {
                 let unit = &session.channels[channel].unit;
                 let cubes = moving.position_rad.iter().map(|q| per_nm * q.powi(3)).collect();

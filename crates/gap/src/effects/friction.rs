@@ -52,7 +52,9 @@ impl Effect for Friction {
             let size_nm = 3.0 * session.channels[channel].rms_gap() / per_nm.abs();
             if shape[1] != VISCOUS {
                 let values = velocity.iter().map(|v| per_nm * (v / shape[0]).tanh()).collect();
-                columns.push(Column::value("coulomb_nm", "Nm", size_nm, channel, values).braking(session, channel));
+                columns.push(
+                    Column::value("coulomb_nm", "Nm", size_nm, channel, values).braking(session, channel),
+                );
             }
             let fastest = velocity.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
             if shape[1] != COULOMB && fastest > 0.0 {

@@ -290,7 +290,8 @@ fn joints_with_moments(session: &Session) -> Vec<Place> {
 
 /// Channels that a torque about this joint's axis in parallel with the sensor changes, with the change per Nm.
 pub(crate) fn moment_channels(session: &Session, joint: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
-    let of_joint = move |(_, c): &(usize, &crate::session::Channel)| c.joint == Some(joint) && c.per_nm != 0.0;
+    let of_joint =
+        move |(_, c): &(usize, &crate::session::Channel)| c.joint == Some(joint) && c.per_nm != 0.0;
     session.channels.iter().enumerate().filter(of_joint).map(|(index, channel)| (index, channel.per_nm))
 }
 

@@ -35,8 +35,7 @@ impl Effect for TemperatureGain {
         let Some(temperature) = session.temperature_of(channel) else { return Vec::new() };
         let reference = mean(temperature);
         // The temperature of the calibration is not known: a factor comes along.
-        let values =
-            own.simulated.iter().zip(temperature).map(|(s, t)| s * (t - reference)).collect();
+        let values = own.simulated.iter().zip(temperature).map(|(s, t)| s * (t - reference)).collect();
         vec![
             Column::value("per_k", "1/K", 0.005, channel, values),
             Column::value("", "1", 0.02, channel, own.simulated.clone()).role(Role::Nuisance),

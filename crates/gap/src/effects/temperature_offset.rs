@@ -20,7 +20,8 @@ impl Effect for TemperatureOffset {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        (!session.has_temperature()).then(|| "the temperature ([covariates] temperature = \"COLUMN\")".to_owned())
+        (!session.has_temperature())
+            .then(|| "the temperature ([covariates] temperature = \"COLUMN\")".to_owned())
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {

@@ -65,12 +65,7 @@ fn of_gauge(index: usize, gauge: &GaugeModel, prediction: &Prediction) -> Vec<Do
 }
 
 /// The arm one standard deviation away, at rest in the poses of the motion.
-fn of_arm(
-    rig: &Rig,
-    deviation: &Deviation,
-    table: &Table,
-    prediction: &Prediction,
-) -> Doubt {
+fn of_arm(rig: &Rig, deviation: &Deviation, table: &Table, prediction: &Prediction) -> Doubt {
     let mut here = Dynamics::new(&prediction.chain, &rig.sections);
     let mut there = Dynamics::new(&deviation.chain, &rig.sections);
     let mut parts: Vec<(usize, Vec<f64>)> =

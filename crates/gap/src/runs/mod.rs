@@ -191,8 +191,8 @@ impl Table {
         let repeats = |a: usize, b: usize| runs[a].0.repeat_of.as_ref() == Some(&names[b]);
         let earlier = |index: usize| {
             (0..index).find(|other| {
-                let same = runs[index].0.repeat_of.is_some()
-                    && runs[index].0.repeat_of == runs[*other].0.repeat_of;
+                let same =
+                    runs[index].0.repeat_of.is_some() && runs[index].0.repeat_of == runs[*other].0.repeat_of;
                 repeats(index, *other) || repeats(*other, index) || same
             })
         };
@@ -204,12 +204,7 @@ impl Table {
         self.rows_of_run.iter().enumerate().map(recording).collect()
     }
 
-    fn gauges(
-        &self,
-        rig: &Rig,
-        model: &ModelFile,
-        prediction: &Prediction,
-    ) -> Result<Vec<Channel>, Error> {
+    fn gauges(&self, rig: &Rig, model: &ModelFile, prediction: &Prediction) -> Result<Vec<Channel>, Error> {
         let mut channels = Vec::with_capacity(self.channels.len());
         for (index, readings) in self.channels.iter().enumerate() {
             let gauge = &prediction.gauges[index];
@@ -259,7 +254,8 @@ impl Table {
 
 /// Mean over the rows that count.
 fn mean_of(values: &[f32], counts: &[bool]) -> f64 {
-    let used = || values.iter().zip(counts).filter(|(_, counts)| **counts).map(|(value, _)| f64::from(*value));
+    let used =
+        || values.iter().zip(counts).filter(|(_, counts)| **counts).map(|(value, _)| f64::from(*value));
     used().sum::<f64>() / used().count().max(1) as f64
 }
 

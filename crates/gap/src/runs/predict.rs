@@ -88,7 +88,8 @@ impl Prediction {
         }
         self.place(motion, &wrench);
         for (index, gauge) in self.gauges.iter().enumerate() {
-            let load = self.dynamics.load(index) + self.dynamics.load_of_tip_wrench(index, &wrench).to_vector();
+            let load =
+                self.dynamics.load(index) + self.dynamics.load_of_tip_wrench(index, &wrench).to_vector();
             let regressors = self.conditioners[index].regressors();
             self.signals[index].push(gauge.compliance.dot(&load) + gauge.terms.counts(regressors));
             self.loads[index].push(load);

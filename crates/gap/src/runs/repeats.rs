@@ -49,7 +49,8 @@ mod tests {
     #[test]
     fn a_repeat_begun_later_is_found() {
         let motion_at = |row: usize| (row as f64 * 0.02).sin() + (row as f64 * 0.007).cos();
-        let position: Vec<f64> = (0..1000).map(motion_at).chain((0..1000).map(|row| motion_at(row + 17))).collect();
+        let position: Vec<f64> =
+            (0..1000).map(motion_at).chain((0..1000).map(|row| motion_at(row + 17))).collect();
         let recording = |rows, repeats| Recording { name: String::new(), rows, repeats };
         let pairs = repeats(
             &[recording(0..1000, None), recording(1000..2000, Some(0))],

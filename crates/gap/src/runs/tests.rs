@@ -44,8 +44,12 @@ fn motion(rig: &Rig, seed: f64, load_kg: f64) -> Scenario {
     trajectory.hold(0.5);
     for k in 0..6 {
         let middle = limits.middle();
-        let pose = middle.iter().enumerate().map(|(j, q)| q + 0.6 * (seed + (1 + j) as f64 * f64::from(k)).sin()).collect();
-        trajectory.move_to(pose, &limits, 0.5);
+        let pose = middle
+            .iter()
+            .enumerate()
+            .map(|(j, q)| q + 0.6 * (seed + (1 + j) as f64 * f64::from(k)).sin())
+            .collect();
+        trajectory.move_to(pose, &limits, 0.2);
         trajectory.hold(0.3);
     }
     Scenario::of_motion(trajectory).with_load(load_kg, [0.02, 0.0, 0.05]).unwrap()
@@ -83,7 +87,12 @@ fn a_gain_that_was_put_in_is_found_at_its_gauge_and_nothing_in_nothing() {
     let found = diagnosed(&rig, &truth, &model, Some(spec));
     let first = &found.findings[0];
     assert_eq!((first.effect.as_str(), &first.sensors), ("gain", &vec![name]), "{:?}", found.findings);
-    assert!(found.gap.shrink.unwrap() > 0.9 && found.verdict == Verdict::Explained);
+    assert!(
+        found.gap.shrink.unwrap() > 0.9 && found.verdict == Verdict::Explained,
+        "{:?} {:?}",
+        found.gap,
+        found.findings
+    );
 
     // The model that was told of it predicts what the gauge says.
     let (told, left) = crate::apply(&model, &rig, &found);

@@ -96,7 +96,9 @@ impl Contact {
         let placements = rig.chain.placements(positions_rad);
         let point_m = placements[self.link].point(&self.point_m);
         let force_n = self.force_n * grown;
-        for (section, load) in rig.sections.iter().zip(loads).filter(|(section, _)| section.joint <= self.link) {
+        for (section, load) in
+            rig.sections.iter().zip(loads).filter(|(section, _)| section.joint <= self.link)
+        {
             let place = &placements[section.joint];
             let to_section = (place.rotation * section.r_cs).transpose();
             let moment_nm = (point_m - place.translation_m).cross(&force_n);

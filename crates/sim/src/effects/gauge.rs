@@ -74,7 +74,9 @@ impl GaugeState {
             (Kind::ZeroOffset, _) => a,
             (Kind::Gain, _) => a * x,
             (Kind::SensingAxis | Kind::AxialForce, _) => self.change.dot(&now.loads[self.gauge]),
-            (Kind::TemperatureOffset, _) => a * (self.warmth(now, self.effect.number("lag_s")) - Climate::MIDDLE_C),
+            (Kind::TemperatureOffset, _) => {
+                a * (self.warmth(now, self.effect.number("lag_s")) - Climate::MIDDLE_C)
+            }
             (Kind::TemperatureGain, _) => a * x * (self.warmth(now, 0.0) - Climate::MIDDLE_C),
             (Kind::Drift, _) => a * (1.0 + now.t_s / self.effect.number("tau_s")).ln(),
             (Kind::Nonlinearity | Kind::Hysteresis | Kind::Creep, _) => self
@@ -103,7 +105,8 @@ impl GaugeState {
             }
             (Kind::Friction, Place::Joint(joint)) => {
                 let speed = now.state.velocities_rad_s[joint];
-                let (viscous, stribeck) = (self.effect.number("viscous"), self.effect.number("stribeck_rad_s"));
+                let (viscous, stribeck) =
+                    (self.effect.number("viscous"), self.effect.number("stribeck_rad_s"));
                 let dip = 1.0 + 0.4 * (-(speed / stribeck).powi(2)).exp();
                 -self.per_nm * a * (dip * (speed / 0.01).tanh() + viscous * speed)
             }
@@ -126,7 +129,8 @@ impl GaugeState {
             self.past.pop_front();
         }
         let (from, to) = (self.past[0], self.past[self.past.len().min(2) - 1]);
-        let part = if to.0 > from.0 { ((t_s - late_s - from.0) / (to.0 - from.0)).clamp(0.0, 1.0) } else { 0.0 };
+        let part =
+            if to.0 > from.0 { ((t_s - late_s - from.0) / (to.0 - from.0)).clamp(0.0, 1.0) } else { 0.0 };
         from.1 + part * (to.1 - from.1)
     }
 

@@ -109,10 +109,16 @@ impl FromStr for Spec {
             let known: Vec<&str> = Kind::ALL.iter().map(|kind| kind.id()).collect();
             wrong(format!("\"{id}\" is no effect; give one of {}", known.join(", ")))
         })?;
-        let mut spec =
-            Self { kind, place: place.map(|place| place.trim().to_owned()), values: Vec::new(), source: None, size: None };
+        let mut spec = Self {
+            kind,
+            place: place.map(|place| place.trim().to_owned()),
+            values: Vec::new(),
+            source: None,
+            size: None,
+        };
         for part in parts {
-            let Some((key, value)) = part.split_once('=').map(|(key, value)| (key.trim(), value.trim())) else {
+            let Some((key, value)) = part.split_once('=').map(|(key, value)| (key.trim(), value.trim()))
+            else {
                 return Err(wrong(format!("\"{part}\" is no key=value; write for example size=3")));
             };
             if key == "source" && kind == Kind::ChannelCoupling {
@@ -128,14 +134,21 @@ impl FromStr for Spec {
                     spec.values.push((key.to_owned(), number));
                 }
                 _ => {
-                    let known: Vec<&str> =
-                        std::iter::once(kind.strength()).chain(kind.numbers().iter().map(|(name, _)| *name)).collect();
-                    return Err(wrong(format!("{key} is no parameter of it; it has {} and size", known.join(", "))));
+                    let known: Vec<&str> = std::iter::once(kind.strength())
+                        .chain(kind.numbers().iter().map(|(name, _)| *name))
+                        .collect();
+                    return Err(wrong(format!(
+                        "{key} is no parameter of it; it has {} and size",
+                        known.join(", ")
+                    )));
                 }
             }
         }
         if spec.size.is_some() && spec.values.iter().any(|(key, _)| key == kind.strength()) {
-            return Err(wrong(format!("{} and size are two ways to say the same; give one", kind.strength())));
+            return Err(wrong(format!(
+                "{} and size are two ways to say the same; give one",
+                kind.strength()
+            )));
         }
         Ok(spec)
     }

@@ -33,8 +33,7 @@ pub(super) fn merged(
     let arm = rig.config.file.file_stem().and_then(|stem| stem.to_str()).unwrap_or("arm");
     let effects: Vec<Value> = truth.effects.list.iter().map(|effect| put_in(effect, rig)).collect();
     cases.insert(name.to_owned(), json!({ "seed": seed, "gauges": gauges, "effects": effects }));
-    let labels =
-        json!({ "format": 1, "arm": arm, "seed": seed, "gauges": gauges, "effects": effects, "cases": cases });
+    let labels = json!({ "format": 1, "arm": arm, "seed": seed, "gauges": gauges, "effects": effects, "cases": cases });
     Ok(format!("{labels:#}\n"))
 }
 

@@ -68,7 +68,8 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
 /// Writes the model with what was found; says what it cannot hold.
 fn apply(args: &Args, path: &Path, diagnosis: &Diagnosis) -> Result<(), Error> {
     let Some(from) = &args.model else {
-        let text = format!("--apply {}: a comparison has no model to change; leave --apply out", path.display());
+        let text =
+            format!("--apply {}: a comparison has no model to change; leave --apply out", path.display());
         return Err(Error::usage(text));
     };
     let rig = Rig::load(load_runs(&args.inputs)?[0].config.clone())?;
@@ -94,7 +95,8 @@ fn runs(args: &Args) -> Result<gap::Session, Error> {
     let mut recordings: Vec<(&Run, Recording)> = runs.iter().zip(read(&runs, &rig)?).collect();
     // History goes on from run to run.
     recordings.sort_by_key(|(_, recording)| recording.start_ns);
-    let pairs: Vec<(&Run, &Recording)> = recordings.iter().map(|(run, recording)| (*run, recording)).collect();
+    let pairs: Vec<(&Run, &Recording)> =
+        recordings.iter().map(|(run, recording)| (*run, recording)).collect();
     Ok(gap::runs::session(&rig, &model, &pairs)?)
 }
 

@@ -19,7 +19,9 @@ pub fn page(diagnosis: &Diagnosis, what: &str) -> Page {
     if diagnosis.findings.is_empty() {
         page.add(Text::new("No effect of the catalogue was established."));
     }
-    page.add(List::new(diagnosis.findings.iter().map(|finding| format!("{}: {}", finding.effect, finding.words))));
+    page.add(List::new(
+        diagnosis.findings.iter().map(|finding| format!("{}: {}", finding.effect, finding.words)),
+    ));
     page.add(leaderboard(diagnosis));
     page.add(parameters(diagnosis));
     page.add(Heading::section("Where"));
@@ -30,7 +32,10 @@ pub fn page(diagnosis: &Diagnosis, what: &str) -> Page {
     }
     page.add(grid);
     page.add(Heading::section("What these recordings leave open"));
-    let blind = diagnosis.not_testable.iter().map(|entry| format!("{} cannot be seen: {}", entry.effect, entry.missing));
+    let blind = diagnosis
+        .not_testable
+        .iter()
+        .map(|entry| format!("{} cannot be seen: {}", entry.effect, entry.missing));
     page.add(List::new(blind.chain(diagnosis.notes.iter().cloned())));
     page.add(Text::new(format!("Record next: {}", diagnosis.next_experiment)));
     page
@@ -45,12 +50,17 @@ fn verdict(diagnosis: &Diagnosis) -> String {
         format!("; {:.1} % of what can go away goes{interval}", 100.0 * shrink)
     });
     let verdict = match diagnosis.verdict {
-        Verdict::NoGap => "No gap: the simulation agrees with the measurement within noise and its own uncertainty",
+        Verdict::NoGap => {
+            "No gap: the simulation agrees with the measurement within noise and its own uncertainty"
+        }
         Verdict::Explained => "Explained",
         Verdict::PartlyExplained => "Partly explained",
         Verdict::Unexplained => "Unexplained: no effect of the catalogue is the cause",
     };
-    format!("{verdict}. On what was left out, over noise: {:.2} before, {:.2} after, {:.2} is noise{shrink}.", gap.before, gap.after, gap.floor)
+    format!(
+        "{verdict}. On what was left out, over noise: {:.2} before, {:.2} after, {:.2} is noise{shrink}.",
+        gap.before, gap.after, gap.floor
+    )
 }
 
 /// From the gap to the floor, effect by effect, in mean squares: those add up.
@@ -58,8 +68,9 @@ fn waterfall(diagnosis: &Diagnosis) -> Waterfall {
     let gap = &diagnosis.gap;
     let reducible = gap.before * gap.before - gap.floor * gap.floor;
     let start = ("as simulated", gap.before * gap.before);
-    let mut waterfall = Waterfall::new("What the gap consists of", "mean square over noise", start, "with all found")
-        .remark(format!("{:.3} of it is noise.", gap.floor * gap.floor));
+    let mut waterfall =
+        Waterfall::new("What the gap consists of", "mean square over noise", start, "with all found")
+            .remark(format!("{:.3} of it is noise.", gap.floor * gap.floor));
     for finding in &diagnosis.findings {
         waterfall = waterfall.step(finding.effect.clone(), -finding.share * reducible);
     }
@@ -67,8 +78,14 @@ fn waterfall(diagnosis: &Diagnosis) -> Waterfall {
 }
 
 fn leaderboard(diagnosis: &Diagnosis) -> Table {
-    let columns =
-        [("effect", ""), ("share", "%"), ("from", "%"), ("to", "%"), ("confidence", ""), ("not to be told from", "")];
+    let columns = [
+        ("effect", ""),
+        ("share", "%"),
+        ("from", "%"),
+        ("to", "%"),
+        ("confidence", ""),
+        ("not to be told from", ""),
+    ];
     let mut table = Table::new("Effects that were established", &columns);
     for finding in &diagnosis.findings {
         let [low, high] = finding.share_ci95;
