@@ -335,6 +335,19 @@ const NO_MOTION: &str = "the joints' positions and time ([[joint]] with position
 const NO_JOINT: &str = "joint torque channels ([[channel]] with unit = \"Nm\" and joint)";
 const NO_SIGNAL: &str = "a simulated signal that changes";
 
+/// Temperatures that stay within this deviation say nothing, K: thermometers have steps of a quarter.
+const STEADY_K: f64 = 0.1;
+
+fn without_temperature(session: &Session) -> Option<String> {
+    if !session.has_temperature() {
+        return Some("the temperature ([covariates] temperature = \"COLUMN\")".to_owned());
+    }
+    let spread_k =
+        (0..session.channels.len()).filter_map(|channel| session.temperature_of(channel)).map(deviation);
+    let most_k = spread_k.fold(0.0, f64::max);
+    (most_k < STEADY_K).then(|| format!("a temperature that changes (it stayed within {most_k:.2} K)"))
+}
+
 /// The simulated signal changes enough to have a shape.
 fn moves(session: &Session, channel: usize) -> bool {
     let channel = &session.channels[channel];

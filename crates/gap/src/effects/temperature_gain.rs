@@ -19,10 +19,7 @@ impl Effect for TemperatureGain {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        if !session.has_temperature() {
-            return Some("the temperature ([covariates] temperature = \"COLUMN\")".to_owned());
-        }
-        without_signal(session)
+        without_temperature(session).or_else(|| without_signal(session))
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {

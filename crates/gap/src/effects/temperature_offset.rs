@@ -20,8 +20,7 @@ impl Effect for TemperatureOffset {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        (!session.has_temperature())
-            .then(|| "the temperature ([covariates] temperature = \"COLUMN\")".to_owned())
+        without_temperature(session)
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {
