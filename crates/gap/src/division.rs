@@ -77,7 +77,8 @@ pub(crate) fn by_point(rows: usize) -> HoldOut {
 /// of a stretch.
 pub(crate) fn by_second(recordings: &[Recording], time_s: &[f64]) -> HoldOut {
     if recordings.len() == 1 {
-        return seconds_of(by_time(time_s.len()), &[0..time_s.len()], time_s);
+        let all = 0..time_s.len();
+        return seconds_of(by_time(time_s.len()), std::slice::from_ref(&all), time_s);
     }
     let rows: Vec<Range<usize>> = recordings.iter().map(|recording| recording.rows.clone()).collect();
     seconds_of(by_recording(recordings, &[]), &rows, time_s)
