@@ -9,7 +9,7 @@ use crate::error::{RigError, nearest};
 
 /// One step from a document's root to a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Step {
+pub enum Step {
     /// Into a table, by key.
     Key(&'static str),
     /// Into an array, by position.
@@ -18,29 +18,34 @@ pub(crate) enum Step {
 
 /// A value that parses but cannot be used, and where it stands in the document.
 #[derive(Debug)]
-pub(crate) struct Problem {
+pub struct Problem {
     /// The way to the value; a key that is absent stands for the table that lacks it.
-    pub(crate) at: Vec<Step>,
+    pub at: Vec<Step>,
     /// Fact, value and what to do.
-    pub(crate) text: String,
+    pub text: String,
 }
 
 impl Problem {
     /// A problem at the end of the way `at`.
-    pub(crate) fn new(at: &[Step], text: impl Into<String>) -> Self {
+    #[must_use]
+    pub fn new(at: &[Step], text: impl Into<String>) -> Self {
         Self { at: at.to_vec(), text: text.into() }
     }
 }
 
 /// `text` as a `T`, for documents that say `format = 1`.
-pub(crate) fn parse<T: DeserializeOwned>(file: &Path, text: &str) -> Result<T, RigError> {
+///
+/// # Errors
+/// The line of what is no TOML, no `T` or of another format.
+pub fn parse<T: DeserializeOwned>(file: &Path, text: &str) -> Result<T, RigError> {
     let root = DeTable::parse(text).map_err(|error| of_toml(file, text, &error))?;
     check_format(file, text, root.get_ref())?;
     toml::from_str(text).map_err(|error| of_toml(file, text, &error))
 }
 
 /// `problem` as an error that names the line it is at.
-pub(crate) fn locate(file: &Path, text: &str, problem: Problem) -> RigError {
+#[must_use]
+pub fn locate(file: &Path, text: &str, problem: Problem) -> RigError {
     match line_of(text, &problem.at) {
         Some(line) => RigError::at_line(file, line, problem.text),
         None => RigError::of_file(file, problem.text),

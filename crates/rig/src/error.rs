@@ -52,7 +52,10 @@ fn line_suffix(line: Option<usize>) -> String {
 }
 
 /// The text of a file; `what` says in two or three words what the file should be.
-pub(crate) fn read_text(file: &Path, what: &str) -> Result<String, RigError> {
+///
+/// # Errors
+/// The file cannot be read, with what to do about it.
+pub fn read_text(file: &Path, what: &str) -> Result<String, RigError> {
     let bytes = read_bytes(file, what)?;
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
@@ -75,7 +78,10 @@ fn read_at_most(file: &Path, most: u64) -> std::io::Result<Vec<u8>> {
 }
 
 /// The bytes of a file; `what` says in two or three words what the file should be.
-pub(crate) fn read_bytes(file: &Path, what: &str) -> Result<Vec<u8>, RigError> {
+///
+/// # Errors
+/// The file cannot be read, with what to do about it.
+pub fn read_bytes(file: &Path, what: &str) -> Result<Vec<u8>, RigError> {
     read_at_most(file, MOST_BYTES).map_err(|source| {
         let remedy = match source.kind() {
             std::io::ErrorKind::NotFound => format!("give the path of {what}"),
@@ -98,7 +104,7 @@ pub(crate) fn nearest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>)
 }
 
 /// What to do about a name that is not among `known`: the nearest one, else the list of them.
-pub(crate) fn suggest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str> + Clone) -> String {
+pub fn suggest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str> + Clone) -> String {
     if let Some(name) = nearest(wrong, known.clone()) {
         return format!("did you mean \"{name}\"?");
     }

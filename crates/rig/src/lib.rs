@@ -3,8 +3,8 @@
 pub mod binding;
 pub mod config;
 pub mod cycle;
-mod document;
-mod error;
+pub mod document;
+pub mod error;
 pub mod model_file;
 pub mod run;
 pub mod status;

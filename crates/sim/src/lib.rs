@@ -30,6 +30,7 @@
 
 mod bus;
 mod climate;
+pub mod effects;
 mod error;
 mod gauge;
 pub mod imperfect;

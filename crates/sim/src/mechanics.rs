@@ -7,7 +7,7 @@ use nalgebra::Vector6;
 use rig::Rig;
 use rig::run::Loads;
 
-use crate::imperfect::{Imperfections, Spring};
+use crate::imperfect::{Body, Imperfections, Spring};
 use crate::motion::{JointState, Trajectory};
 use crate::push::Push;
 use crate::scenario::Scenario;
@@ -58,13 +58,19 @@ impl Mechanics {
     /// The same arm as it was built.
     #[must_use]
     pub fn imperfect(rig: &Rig, scenario: &Scenario, faults: &Imperfections) -> Self {
+        Self::of_body(rig, scenario, &faults.body, Loads::new(faults.hanging(&scenario.loads)))
+    }
+
+    /// Another arm with other loads than declared.
+    #[must_use]
+    pub fn of_body(rig: &Rig, scenario: &Scenario, built: &Body, loads: Loads) -> Self {
         let mut mechanics = Self {
-            dynamics: Dynamics::new(&faults.body.chain, &rig.sections),
-            loads: Loads::new(faults.hanging(&scenario.loads)),
+            dynamics: Dynamics::new(&built.chain, &rig.sections),
+            loads,
             body: Some(Yielding {
-                zeros_rad: faults.body.zeros_rad.clone(),
-                springs: faults.body.springs.clone(),
-                links_rad: vec![0.0; faults.body.zeros_rad.len()],
+                zeros_rad: built.zeros_rad.clone(),
+                springs: built.springs.clone(),
+                links_rad: vec![0.0; built.zeros_rad.len()],
             }),
             ..Self::new(rig, scenario)
         };

@@ -16,6 +16,7 @@ pub(crate) enum Purpose {
     Faults = 8,
     FaultStart = 9,
     Day = 10,
+    Effects = 11,
 }
 
 /// The stream of a purpose under a seed.

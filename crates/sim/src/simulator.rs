@@ -5,15 +5,18 @@ use std::collections::VecDeque;
 use can::assembly::SignalBinding;
 use can::frame::Stamped;
 use model::spatial::{Tip, Wrench};
+use nalgebra::Vector6;
 use rand::rngs::StdRng;
 use rig::Rig;
 use rig::binding::BitRates;
+use rig::run::Loads;
 
 use crate::SimError;
 use crate::bus::{Bus, Sample};
 use crate::climate::Climate;
+use crate::effects::{Contact, GaugeState, Now};
 use crate::gauge::{NoiseState, normal};
-use crate::imperfect::StrainState;
+use crate::imperfect::{Body, StrainState};
 use crate::mechanics::Mechanics;
 use crate::random::{Purpose, stream};
 use crate::scenario::Scenario;
@@ -58,6 +61,10 @@ pub struct Simulator {
     noise: Vec<NoiseState>,
     /// Faults of the gauges; none for linear ones.
     strains: Vec<StrainState>,
+    /// Effects of gauges that were put in, and touches of links.
+    faults: Vec<GaugeState>,
+    contacts: Vec<Contact>,
+    rig: Rig,
     /// Range of each gauge's signal, counts.
     ranges: Vec<(f64, f64)>,
     gauge_rng: StdRng,
@@ -68,6 +75,7 @@ pub struct Simulator {
     cycles: u64,
     cycle: u64,
     slow_every: u64,
+    loads: Vec<Vector6<f64>>,
     samples: Vec<Sample>,
     fresh: Vec<Stamped>,
     pending: VecDeque<Stamped>,
@@ -88,10 +96,7 @@ impl Simulator {
         let mut gauge_rng = stream(options.seed, Purpose::GaugeNoise);
         let noise =
             truth.gauges.iter().map(|g| NoiseState::new(&g.noise, rate_hz.recip(), &mut gauge_rng)).collect();
-        let mechanics = match &truth.imperfections {
-            Some(faults) => Mechanics::imperfect(rig, scenario, faults),
-            None => Mechanics::new(rig, scenario),
-        };
+        let mechanics = mechanics(rig, &truth, scenario);
         let mut start_rng = stream(options.seed, Purpose::FaultStart);
         let strains = truth.imperfections.iter().flat_map(|faults| &faults.strains);
         let sample = Sample {
@@ -106,6 +111,9 @@ impl Simulator {
                 Some(_) => Climate::some_day(truth.gauges.len(), options.seed),
                 None => Climate::new(truth.gauges.len(), options.seed),
             },
+            contacts: truth.effects.contacts(rig, scenario),
+            faults: truth.effects.states(rig, &truth, &mut stream(options.seed, Purpose::Effects)),
+            rig: rig.clone(),
             strains: strains.map(|strain| StrainState::new(strain, &mut start_rng)).collect(),
             noise,
             ranges: rig.layout.gauges.iter().map(|gauge| range_si(&gauge.counts)).collect(),
@@ -121,6 +129,7 @@ impl Simulator {
             fresh: Vec::new(),
             pending: VecDeque::new(),
             probe: mechanics.clone(),
+            loads: Vec::new(),
             mechanics,
             bus,
             truth,
@@ -184,6 +193,7 @@ impl Simulator {
         let t_s = self.instant_s(self.cycle);
         self.sample(t_s);
         self.strain();
+        self.fault(t_s);
         self.disturb();
         self.convert();
         self.fresh.clear();
@@ -200,8 +210,13 @@ impl Simulator {
         for (sample, offset_ns) in self.samples.iter_mut().zip(self.bus.offsets_ns()) {
             let at_s = t_s + *offset_ns as f64 * 1e-9;
             self.mechanics.update(at_s);
+            self.loads.clear();
+            self.loads.extend((0..self.truth.gauges.len()).map(|index| self.mechanics.load(index)));
+            for contact in &self.contacts {
+                contact.add(&self.rig, at_s, &self.mechanics.state().positions_rad, &mut self.loads);
+            }
             for (index, gauge) in self.truth.gauges.iter().enumerate() {
-                sample.counts[index] = gauge.counts(&self.mechanics.load(index));
+                sample.counts[index] = gauge.counts(&self.loads[index]);
                 sample.temperatures_c[index] = self.climate.at_c(index, at_s);
             }
             let state = self.mechanics.state();
@@ -226,6 +241,42 @@ impl Simulator {
         for sample in &mut self.samples {
             sample.counts.iter_mut().zip(&added).for_each(|(counts, added)| *counts += added);
         }
+    }
+
+    /// Adds what was put in, one effect after the other: each sees what those before it have made of the signal.
+    fn fault(&mut self, t_s: f64) {
+        if self.samples.is_empty() {
+            return;
+        }
+        let step_s = self.rate_hz.recip();
+        for fault in &mut self.faults {
+            let first = &self.samples[0];
+            let signals: Vec<f64> =
+                first.counts.iter().zip(&self.truth.gauges).map(|(z, gauge)| z - gauge.bias_counts).collect();
+            let now = Now {
+                t_s,
+                step_s,
+                counts: &signals,
+                loads: &self.loads,
+                state: self.mechanics.state(),
+                temperatures_c: &first.temperatures_c,
+            };
+            let added = fault.counts(&now);
+            self.samples.iter_mut().for_each(|sample| sample.counts[fault.gauge()] += added);
+        }
+    }
+
+    /// Counts of every gauge at every instant before noise and the converters' ranges.
+    pub(crate) fn clean_counts(&mut self) -> Vec<Vec<f64>> {
+        let mut rows = Vec::with_capacity(self.cycles as usize);
+        for cycle in 0..self.cycles {
+            let t_s = self.instant_s(cycle);
+            self.sample(t_s);
+            self.strain();
+            self.fault(t_s);
+            rows.extend(self.samples.first().map(|sample| sample.counts.clone()));
+        }
+        rows
     }
 
     /// Adds one cycle's noise.
@@ -279,6 +330,22 @@ impl Iterator for Simulator {
             self.step();
         }
     }
+}
+
+/// The arm that was put together: as declared, as built, and with the effects of its mechanics.
+fn mechanics(rig: &Rig, truth: &Truth, scenario: &Scenario) -> Mechanics {
+    if truth.effects.list.is_empty() {
+        return match &truth.imperfections {
+            Some(faults) => Mechanics::imperfect(rig, scenario, faults),
+            None => Mechanics::new(rig, scenario),
+        };
+    }
+    let changed = truth.effects.scenario(scenario);
+    let (body, hanging) = match &truth.imperfections {
+        Some(faults) => (faults.body.clone(), faults.hanging(&changed.loads)),
+        None => (Body::nominal(&rig.chain), changed.loads.clone()),
+    };
+    Mechanics::of_body(rig, scenario, &truth.effects.body(body), Loads::new(hanging))
 }
 
 fn check_sizes(rig: &Rig, truth: &Truth, scenario: &Scenario) -> Result<(), SimError> {

@@ -9,6 +9,7 @@ use rand::rngs::StdRng;
 use rig::{ModelFile, Rig};
 
 use crate::SimError;
+use crate::effects::Effects;
 use crate::imperfect::Imperfections;
 use crate::random::{Purpose, stream};
 
@@ -74,6 +75,8 @@ pub struct Truth {
     pub encoders: Vec<TrueEncoder>,
     /// What else is not as declared; none for an arm that is exactly its URDF, with linear gauges.
     pub imperfections: Option<Imperfections>,
+    /// Effects put in at a chosen place and size.
+    pub effects: Effects,
 }
 
 impl TrueGauge {
@@ -102,6 +105,7 @@ impl Truth {
             gauges: gauges.iter().map(|gauge| draw_gauge(&gauge.counts, pitch_max_m, &mut rng)).collect(),
             encoders: vec![usual_encoder(); rig.chain.coordinates()],
             imperfections: None,
+            effects: Effects::default(),
         }
     }
 
@@ -145,6 +149,7 @@ impl Truth {
             gauges: model.sensors.iter().map(gauge).collect(),
             encoders: model.joints.iter().map(encoder).collect(),
             imperfections: None,
+            effects: Effects::default(),
         })
     }
 

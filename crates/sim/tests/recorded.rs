@@ -99,7 +99,12 @@ fn truth() -> Truth {
         noise: GaugeNoise { sigma_counts: 600.0, slow_share: 0.15, slow_time_s: 0.2 },
     };
     let encoder = TrueEncoder { position_sigma_rad: 20e-6, velocity_sigma_rad_s: 1e-3 };
-    Truth { gauges: GAUGES.map(gauge).to_vec(), encoders: vec![encoder; 6], imperfections: None }
+    Truth {
+        gauges: GAUGES.map(gauge).to_vec(),
+        encoders: vec![encoder; 6],
+        imperfections: None,
+        effects: wrenchd_sim::effects::Effects::default(),
+    }
 }
 
 #[test]

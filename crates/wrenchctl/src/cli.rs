@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    calibrate, check, daemon, demo, dump, monitor, plan, record, replay, simulate, stats, validate,
+    calibrate, check, daemon, demo, diagnose, dump, monitor, plan, record, replay, simulate, stats, validate,
 };
 
 /// End-effector wrench from joint torque sensors: calibrate, check, record, replay, simulate
@@ -53,6 +53,8 @@ pub enum Command {
     Calibrate(calibrate::Args),
     /// Score the wrench of recordings against their truth
     Validate(validate::Args),
+    /// Find where simulation and measurement differ, which effect causes it, and how far the gap shrinks
+    Diagnose(diagnose::Args),
     /// Make a run directory from the simulator, with the truth beside it
     Simulate(simulate::Args),
 }

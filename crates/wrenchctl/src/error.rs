@@ -25,6 +25,9 @@ pub enum Error {
     /// A calibration or validation without an answer.
     #[error(transparent)]
     Calibration(#[from] calibration::Error),
+    /// A comparison that cannot be diagnosed.
+    #[error(transparent)]
+    Gap(#[from] gap::Error),
     /// A simulation that cannot be made.
     #[error(transparent)]
     Sim(#[from] sim::SimError),

@@ -28,6 +28,13 @@ impl Progress {
         Self(Some(bar))
     }
 
+    /// There are so many steps.
+    pub fn of(&self, total: u64) {
+        if let Some(bar) = &self.0 {
+            bar.set_length(total);
+        }
+    }
+
     /// So much is done.
     pub fn at(&self, done: u64) {
         if let Some(bar) = &self.0 {

@@ -295,7 +295,7 @@ fn what_cannot_be_simulated_is_refused() {
         refused(&[&["simulate", "--config", ARM, "--out", &run], args].concat(), parts);
         assert!(folder.names().is_empty(), "{:?}", folder.names());
     };
-    simulate(&["--effect", "drift@s1"], &["--effect drift@s1", "has no effects"]);
+    simulate(&["--effect", "drfit@s1"], &["--effect drfit@s1", "is no effect", "drift"]);
     simulate(&["--motion", "dance"], &["dance", "calibration, accuracy, sweep, holds"]);
     simulate(&["--motion", "none.csv"], &["none.csv"]);
     simulate(&["--rate", "1e9"], &["rate"]);

@@ -60,6 +60,14 @@ impl Spring {
 }
 
 impl Body {
+    /// The arm as it was drawn: stiff, its encoders right.
+    #[must_use]
+    pub fn nominal(chain: &Chain) -> Self {
+        let stiff = Spring { stiffness_nm_per_rad: f64::INFINITY, softer: 0.0, stiffens_at_nm: 1.0 };
+        let coordinates = chain.coordinates();
+        Self { chain: chain.clone(), zeros_rad: vec![0.0; coordinates], springs: vec![stiff; coordinates] }
+    }
+
     pub(super) fn draw(nominal: &Chain, rng: &mut StdRng) -> Self {
         let mut chain = nominal.clone();
         for (index, joint) in chain.joints.iter_mut().enumerate() {

@@ -89,6 +89,26 @@ pub struct Maxwell {
 }
 
 impl Strain {
+    /// A gauge without any fault, whose strain is counted in this half range (counts).
+    #[must_use]
+    pub fn straight(half_counts: f64) -> Self {
+        Self {
+            centre_counts: 0.0,
+            half_counts,
+            bend: (Curve::Cubic, 0.0),
+            hysteresis: (Hysteresis::BoucWen { width: 0.1, exponent: 1.0, unloading: 0.5 }, 0.0),
+            creep: (0.0, 0.2),
+            drift_per_k: 0.0,
+            lags_s: [1.0, 1.0],
+        }
+    }
+
+    /// A characteristic bent by a share of the half range: to one side for an even order, to both for an odd one.
+    pub fn bend_by(&mut self, order: i32, share: f64) {
+        let curve = if order % 2 == 0 { Curve::Lopsided } else { Curve::Cubic };
+        self.bend = (curve, share);
+    }
+
     pub(super) fn draw(centre_counts: f64, half_counts: f64, rng: &mut StdRng) -> Self {
         let curves = [Curve::Cubic, Curve::Bowed, Curve::Wavy, Curve::Lopsided];
         let curve = curves[rng.random_range(0..curves.len())];

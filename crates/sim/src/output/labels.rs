@@ -6,6 +6,7 @@ use rig::Rig;
 use serde_json::{Map, Value, json};
 
 use crate::SimError;
+use crate::effects::{Effect, Kind, Place};
 use crate::truth::{TrueGauge, Truth};
 
 /// Name of the file with the truth, beside the run directories that it is about.
@@ -30,10 +31,36 @@ pub(super) fn merged(
         .map(|(binding, gauge)| label(&binding.name, gauge))
         .collect();
     let arm = rig.config.file.file_stem().and_then(|stem| stem.to_str()).unwrap_or("arm");
-    cases.insert(name.to_owned(), json!({ "seed": seed, "gauges": gauges, "effects": [] }));
-    let labels =
-        json!({ "format": 1, "arm": arm, "seed": seed, "gauges": gauges, "effects": [], "cases": cases });
+    let effects: Vec<Value> = truth.effects.list.iter().map(|effect| put_in(effect, rig)).collect();
+    cases.insert(name.to_owned(), json!({ "seed": seed, "gauges": gauges, "effects": effects }));
+    let labels = json!({ "format": 1, "arm": arm, "seed": seed, "gauges": gauges, "effects": effects, "cases": cases });
     Ok(format!("{labels:#}\n"))
+}
+
+/// An effect that was put in: where, its parameters, and the size that was asked for.
+fn put_in(effect: &Effect, rig: &Rig) -> Value {
+    let mut parameters = Map::new();
+    let is_source = |name: &str| effect.kind == Kind::ChannelCoupling && name == "source";
+    parameters.insert(effect.kind.strength().to_owned(), json!(effect.strength));
+    for (name, value) in &effect.numbers {
+        let gauge = rig.layout.gauges.get(*value as usize).filter(|_| is_source(name));
+        parameters.insert((*name).to_owned(), gauge.map_or_else(|| json!(value), |gauge| json!(gauge.name)));
+    }
+    let (mut sensors, mut joints, mut links) = (Vec::new(), Vec::new(), Vec::new());
+    match effect.place {
+        Place::Gauge(gauge) => sensors.push(rig.layout.gauges[gauge].name.clone()),
+        Place::Joint(joint) => joints.push(rig.chain.coordinate_names()[joint].to_owned()),
+        Place::Link(link) => links.push(rig.chain.joints[link].child_link.clone()),
+        Place::Arm => {}
+    }
+    json!({
+        "effect": effect.kind.id(),
+        "sensors": sensors,
+        "joints": joints,
+        "links": links,
+        "parameters": parameters,
+        "size_sigma": effect.size,
+    })
 }
 
 /// One gauge: scale (counts/Nm), angles (rad), offsets and pitch (m), bias and noise (counts).

@@ -4,6 +4,7 @@ pub mod calibrate;
 pub mod check;
 pub mod daemon;
 pub mod demo;
+pub mod diagnose;
 pub mod dump;
 pub mod monitor;
 pub mod plan;
@@ -36,6 +37,7 @@ pub fn run(command: Command) -> Result<Outcome, Error> {
         Command::Record(args) => record::run(args),
         Command::Plan(args) => plan::run(args),
         Command::Calibrate(args) => calibrate::run(args),
+        Command::Diagnose(args) => diagnose::run(args),
         Command::Validate(args) => validate::run(args),
     }
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use rig::{ModelFile, Rig};
+use sim::effects::{Effects, Spec};
 use sim::motion::MotionLimits;
 use sim::output::{LABELS_FILE, Notes, write_run};
 use sim::{Options, Preset, Scenario, Simulator, Trajectory, Truth};
@@ -27,7 +28,7 @@ pub struct Args {
     /// Point mass on the tip all the time: kg, and where in the tip frame, m; may be repeated [default: what the motion hangs there]
     #[arg(long = "load", value_name = "M,X,Y,Z", value_parser = load, allow_hyphen_values = true)]
     pub loads: Vec<[f64; 4]>,
-    /// Effect beyond the nominal arm; this version simulates none
+    /// Effect beyond the nominal arm, with its parameters or size=RMS change in noise floors; may be repeated
     #[arg(long = "effect", value_name = "ID@PLACE[,key=value]...")]
     pub effects: Vec<String>,
     /// Seed of poses, noise and jitter: the same seed gives the same frames
@@ -59,13 +60,9 @@ fn load(text: &str) -> Result<[f64; 4], String> {
 
 /// Simulates and writes the run.
 pub fn run(args: Args) -> Result<Outcome, Error> {
-    if let Some(effect) = args.effects.first() {
-        return Err(Error::usage(format!(
-            "--effect {effect}: this version simulates the nominal arm only and has no effects; leave it out"
-        )));
-    }
+    let specs = args.effects.iter().map(|text| text.parse()).collect::<Result<Vec<Spec>, _>>()?;
     let rig = Rig::load_file(&args.config)?;
-    let truth = match &args.model {
+    let mut truth = match &args.model {
         Some(path) => Truth::from_model(&rig, &ModelFile::load(path, &rig)?)?,
         None => Truth::draw(&rig, args.gauges, 0.0),
     };
@@ -73,6 +70,7 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     for [mass_kg, x, y, z] in &args.loads {
         scenario = scenario.with_load(*mass_kg, [*x, *y, *z])?;
     }
+    truth.effects = Effects::new(&rig, &truth, &scenario, &specs, args.seed)?;
     let options = Options { seed: args.seed, rate_hz: args.rate, ..Options::default() };
     let notes = Notes { session: args.session, repeat_of: args.repeat_of };
     // Refused before anything is written, and the figures of the summary.

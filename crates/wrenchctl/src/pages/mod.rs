@@ -2,6 +2,7 @@
 
 pub mod arm;
 pub mod calibration;
+pub mod diagnosis;
 pub mod joints;
 pub mod residuals;
 pub mod scores;

@@ -1,0 +1,346 @@
+//! What each channel would show if the arm were another one: heavier links, turned joints, a leaning base, a body at the tip.
+//!
+//! All columns of an arm come from one pass over the rows (recursive Newton-Euler and its exact derivatives,
+//! [`model::dynamics`]) and are kept in the session, since they cost most of all to compute.
+//!
+//! A simulated joint torque is what the joint must apply to the outboard side (`M q'' + C q' + g`, as every simulator gives
+//! it), a gauge's counts are its compliance times what the outboard side applies: either is a row times the section's load.
+
+use model::chain::{Chain, Section};
+use model::dynamics::Dynamics;
+use model::spatial::{BODY_PARAMETERS, RigidBody, Tip, Wrench};
+use nalgebra::{Matrix3, Vector3};
+
+use super::{Column, NO_JOINT, Place, Role, moment_channels};
+use crate::session::{Kinematics, Session};
+
+/// How the parameters of a body are called.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Naming {
+    /// A link of the arm.
+    Link,
+    /// What hangs on the tip all the time although nothing was declared.
+    Undeclared,
+}
+
+/// How far a first moment may be off: a body of the plausible mass displaced by this, m.
+const DISPLACEMENT_M: f64 = 0.1;
+
+/// Per sensing channel (in the order of [`Kinematics::sensing`]) a change, per row; empty where it does not feel it.
+type BySensing = Vec<Vec<f64>>;
+
+/// Changes of every sensing channel (channel's unit) per unit of what may be otherwise.
+#[derive(Debug, Clone, Default)]
+pub struct ArmColumns {
+    /// By a coordinate's position, per rad.
+    position: Vec<BySensing>,
+    /// By a turn of gravity about the two level axes, per rad.
+    tilt: [BySensing; 2],
+    /// By the body of each joint's child link: mass with all that goes with it, and first moments (per kg m).
+    body: Vec<[BySensing; 4]>,
+    /// By the declared body at the tip: mass where it is (per kg), and displacement (per m).
+    declared: [BySensing; 4],
+    /// Torque about each coordinate's axis that the outboard side applies, Nm.
+    torque_nm: Vec<Vec<f64>>,
+}
+
+impl ArmColumns {
+    fn new(session: &Session, arm: &Kinematics) -> Self {
+        let mut pass = Pass::new(session, arm);
+        (0..session.rows()).for_each(|row| pass.row(row));
+        pass.columns
+    }
+}
+
+/// One pass over the rows.
+struct Pass<'a> {
+    session: &'a Session,
+    arm: &'a Kinematics,
+    dynamics: Dynamics,
+    /// The arm at rest under nothing but what a turn of gravity adds to it.
+    turned: [Dynamics; 2],
+    carried: RigidBody,
+    /// Per joint what its child link is made of where that scales as a whole, else a unit of mass.
+    unit_body: Vec<[f64; BODY_PARAMETERS]>,
+    positions: [Vec<f64>; 3],
+    columns: ArmColumns,
+}
+
+impl<'a> Pass<'a> {
+    fn new(session: &'a Session, arm: &'a Kinematics) -> Self {
+        let sections: Vec<Section> = arm.sensing.iter().map(|sensing| sensing.section).collect();
+        let gravity = arm.chain.gravity_mps2;
+        let level = level_axes(&gravity);
+        let turned = [0, 1].map(|axis| {
+            let mut chain: Chain = arm.chain.clone();
+            chain.gravity_mps2 = level.column(axis).cross(&gravity);
+            Dynamics::new(&chain, &sections)
+        });
+        let empty = || vec![Vec::with_capacity(session.rows()); sections.len()];
+        let links = arm.chain.joints.len();
+        let columns = ArmColumns {
+            position: (0..arm.joints.len()).map(|_| empty()).collect(),
+            tilt: [empty(), empty()],
+            body: (0..links).map(|_| std::array::from_fn(|_| vec![Vec::new(); sections.len()])).collect(),
+            declared: std::array::from_fn(|_| vec![Vec::new(); sections.len()]),
+            torque_nm: vec![Vec::with_capacity(session.rows()); arm.joints.len()],
+        };
+        Self {
+            session,
+            arm,
+            dynamics: Dynamics::new(&arm.chain, &sections),
+            turned,
+            carried: RigidBody::zero(),
+            unit_body: arm.chain.joints.iter().map(|joint| unit_body(&joint.body)).collect(),
+            positions: std::array::from_fn(|_| vec![0.0; arm.joints.len()]),
+            columns,
+        }
+    }
+
+    fn row(&mut self, row: usize) {
+        self.carry(row);
+        for (k, joint) in self.arm.joints.iter().enumerate() {
+            let joint = &self.session.joints[*joint];
+            let derivative = |values: &Option<Vec<f64>>| values.as_ref().map_or(0.0, |values| values[row]);
+            self.positions[0][k] = joint.position_rad[row];
+            self.positions[1][k] = derivative(&joint.velocity_rad_s);
+            self.positions[2][k] = derivative(&joint.acceleration_rad_s2);
+        }
+        let [position, velocity, acceleration] = &self.positions;
+        self.dynamics.update(position, velocity, acceleration);
+        self.dynamics.differentiate();
+        self.turned.iter_mut().for_each(|turned| turned.update_static(position));
+        let wrench = self.arm.wrench.get(row).copied().unwrap_or_else(Wrench::zero);
+        for (k, torques) in self.columns.torque_nm.iter_mut().enumerate() {
+            torques.push(self.dynamics.joint_torque_nm(k, &wrench));
+        }
+        for section in 0..self.arm.sensing.len() {
+            self.section(section, &wrench);
+            self.bodies(section);
+            self.declared(section);
+        }
+    }
+
+    /// What hangs on the tip here belongs to the arm.
+    fn carry(&mut self, row: usize) {
+        let carried = self.arm.carried.iter().find(|(rows, _)| rows.contains(&row));
+        let body = carried.map_or_else(RigidBody::zero, |(_, body)| *body);
+        if body != self.carried {
+            self.carried = body;
+            self.dynamics.set_payload(&body);
+            self.turned.iter_mut().for_each(|turned| turned.set_payload(&body));
+        }
+    }
+
+    fn section(&mut self, section: usize, wrench: &Wrench<Tip>) {
+        let sensing = self.arm.sensing[section].row;
+        for (k, changes) in self.columns.position.iter_mut().enumerate() {
+            let load = self.dynamics.by_position(section, k)
+                + self.dynamics.tip_wrench_by_position(section, k, wrench);
+            changes[section].push(sensing.dot(&load));
+        }
+        for (turned, changes) in self.turned.iter().zip(&mut self.columns.tilt) {
+            changes[section].push(sensing.dot(&turned.load(section)));
+        }
+    }
+
+    fn bodies(&mut self, section: usize) {
+        let sensing = &self.arm.sensing[section];
+        for (link, changes) in self.columns.body.iter_mut().enumerate().skip(sensing.section.joint) {
+            let per_parameter = self.dynamics.regressor(section, link).tr_mul(&sensing.row);
+            let own: f64 = per_parameter.iter().zip(&self.unit_body[link]).map(|(c, p)| c * p).sum();
+            changes[0][section].push(own);
+            (0..3).for_each(|axis| changes[1 + axis][section].push(per_parameter[1 + axis]));
+        }
+    }
+
+    fn declared(&mut self, section: usize) {
+        let Some(last) = self.arm.chain.joints.len().checked_sub(1) else { return };
+        if self.arm.carried.is_empty() {
+            return;
+        }
+        let row = &self.arm.sensing[section].row;
+        let com_m = self.carried.com_m();
+        let per_parameter = self.dynamics.regressor(section, last).tr_mul(row);
+        let body = com_m.map(|com_m| RigidBody::from_com(1.0, com_m, Matrix3::zeros()).parameters());
+        let mass = body.map_or(0.0, |body| per_parameter.iter().zip(&body).map(|(c, p)| c * p).sum());
+        self.columns.declared[0][section].push(mass);
+        for axis in 0..3 {
+            self.columns.declared[1 + axis][section].push(per_parameter[1 + axis] * self.carried.mass_kg);
+        }
+    }
+}
+
+/// Two axes at right angles to gravity, and gravity's own, as columns.
+fn level_axes(gravity_mps2: &Vector3<f64>) -> Matrix3<f64> {
+    let down = gravity_mps2.try_normalize(1e-9).unwrap_or_else(|| -Vector3::z());
+    model::chain::rotation_from_z(&down)
+}
+
+/// The body itself where the URDF knows its mass, else 1 kg.
+fn unit_body(own: &RigidBody) -> [f64; BODY_PARAMETERS] {
+    if own.mass_kg > 0.0 { own.parameters() } else { std::array::from_fn(|k| f64::from(u8::from(k == 0))) }
+}
+
+fn columns(session: &Session) -> Option<(&Kinematics, &ArmColumns)> {
+    let arm = arm(session)?;
+    Some((arm, session.arm_columns.get_or_init(|| ArmColumns::new(session, arm))))
+}
+
+/// The arm, where there are channels that feel it.
+pub(super) fn arm(session: &Session) -> Option<&Kinematics> {
+    session.kinematics.as_ref().filter(|arm| !arm.sensing.is_empty())
+}
+
+pub(super) fn without_arm(session: &Session) -> Option<String> {
+    if session.kinematics.is_none() {
+        return Some("the robot's kinematics ([robot] urdf, [[joint]] with position)".to_owned());
+    }
+    arm(session).is_none().then(|| NO_JOINT.to_owned())
+}
+
+pub(super) fn without_masses(session: &Session) -> Option<String> {
+    without_arm(session).or_else(|| {
+        let has = arm(session).is_some_and(|arm| arm.has_masses);
+        (!has).then(|| "the links' masses in the URDF (<inertial>)".to_owned())
+    })
+}
+
+/// Links that any channel feels.
+pub(super) fn links(session: &Session) -> Vec<Place> {
+    arm(session).map_or_else(Vec::new, |arm| (0..arm.chain.joints.len()).map(Place::Link).collect())
+}
+
+/// Joints of the session that move the arm.
+pub(super) fn coordinates(session: &Session) -> Vec<Place> {
+    arm(session).map_or_else(Vec::new, |arm| arm.joints.iter().map(|joint| Place::Joint(*joint)).collect())
+}
+
+/// Whether anything was declared to hang on the tip.
+pub(super) fn is_loaded(session: &Session) -> bool {
+    arm(session).is_some_and(|arm| arm.carried.iter().any(|(_, body)| body.mass_kg > 0.0))
+}
+
+/// What mass and first moments (kg m) of the body at a link add.
+pub(super) fn body_columns(session: &Session, link: usize, naming: Naming) -> Vec<Column> {
+    let Some((arm, all)) = columns(session) else { return Vec::new() };
+    let own = arm.chain.joints[link].body;
+    let scales = own.mass_kg > 0.0;
+    let (mass, unit, plausible) = match (naming, scales) {
+        (Naming::Link, true) => ("relative_mass", "1", 0.2),
+        _ => ("d_mass", "kg", 1.0),
+    };
+    let plausible_kgm = DISPLACEMENT_M * if scales { own.mass_kg } else { 1.0 };
+    let names = [mass, "d_mc_x", "d_mc_y", "d_mc_z"];
+    let columns = all.body[link].iter().zip(names).enumerate().map(|(k, (values, name))| {
+        let (unit, plausible) = if k == 0 { (unit, plausible) } else { ("kg m", plausible_kgm) };
+        column(arm, values, name, unit, plausible)
+    });
+    columns.filter(shows).collect()
+}
+
+/// What the declared body at the tip adds if it is heavier (kg) or elsewhere (m).
+pub(super) fn declared_columns(session: &Session) -> Vec<Column> {
+    let Some((arm, all)) = columns(session) else { return Vec::new() };
+    let names = ["d_mass", "d_com_x", "d_com_y", "d_com_z"];
+    let columns = all.declared.iter().zip(names).enumerate().map(|(k, (values, name))| {
+        let (unit, plausible) = if k == 0 { ("kg", 1.0) } else { ("m", DISPLACEMENT_M) };
+        column(arm, values, name, unit, plausible)
+    });
+    columns.filter(shows).collect()
+}
+
+/// What gravity turned about the base's two level axes adds, per rad.
+pub(super) fn tilt_columns(session: &Session) -> Vec<Column> {
+    let Some((arm, all)) = columns(session) else { return Vec::new() };
+    // The tilt is the length of the two turns together.
+    let roles = [Role::Sine, Role::Cosine];
+    (0..2).map(|axis| column(arm, &all.tilt[axis], "rad", "rad", 0.02).role(roles[axis])).collect()
+}
+
+/// What a joint that stands further by `angle(row)` rad per unit of the parameter adds.
+pub(super) fn turn_columns(
+    session: &Session,
+    joint: usize,
+    angle: impl Fn(usize) -> f64,
+    heading: (&str, &str, f64),
+) -> Vec<Column> {
+    let Some((arm, all)) = columns(session) else { return Vec::new() };
+    let Some(coordinate) = arm.joints.iter().position(|known| *known == joint) else { return Vec::new() };
+    let mut column = column(arm, &all.position[coordinate], heading.0, heading.1, heading.2);
+    for (_, values) in &mut column.parts {
+        for (row, value) in values.iter_mut().enumerate() {
+            *value *= angle(row);
+        }
+    }
+    vec![column]
+}
+
+/// Torque about a joint's axis (Nm) under which it gives, per row: what the outboard side applies.
+pub(super) fn yielding_torque_nm(session: &Session, joint: usize) -> Option<Vec<f64>> {
+    let (arm, all) = columns(session)?;
+    let of_simulator = moment_channels(session, joint)
+        .map(|(channel, _)| &session.channels[channel])
+        .find(|channel| channel.gauge.is_none());
+    if let Some(channel) = of_simulator {
+        return Some(channel.simulated.iter().map(|torque| -torque).collect());
+    }
+    let coordinate = arm.joints.iter().position(|known| *known == joint)?;
+    Some(all.torque_nm[coordinate].clone())
+}
+
+/// Channels that feel a force on a link.
+pub(super) fn felt_by(session: &Session, link: usize) -> Vec<usize> {
+    let sensing = arm(session).map_or(&[][..], |arm| &arm.sensing);
+    sensing.iter().filter(|at| at.section.joint <= link).map(|at| at.channel).collect()
+}
+
+/// A force keeps its direction in the base, or in the link that it acts on.
+pub(super) const IN_BASE: f64 = 0.0;
+pub(super) const IN_LINK: f64 = 1.0;
+
+/// What a force (per N) and a moment (per Nm) about a link's origin add at these rows.
+pub(super) fn force_columns(session: &Session, link: usize, rows: &[usize], frame: f64) -> Vec<Column> {
+    let Some(arm) = arm(session) else { return Vec::new() };
+    let felt: Vec<usize> = (0..arm.sensing.len()).filter(|k| arm.sensing[*k].section.joint <= link).collect();
+    let mut parts: Vec<BySensing> = vec![vec![vec![0.0; session.rows()]; felt.len()]; 6];
+    let mut positions = vec![0.0; arm.joints.len()];
+    for &row in rows {
+        for (k, joint) in arm.joints.iter().enumerate() {
+            positions[k] = session.joints[*joint].position_rad[row];
+        }
+        let placements = arm.chain.placements(&positions);
+        let held = if frame == IN_LINK { placements[link].rotation } else { Matrix3::identity() };
+        for (slot, &sensing) in felt.iter().enumerate() {
+            let at = &arm.sensing[sensing];
+            let section = &placements[at.section.joint];
+            let to_section = (section.rotation * at.section.r_cs).transpose();
+            let lever_m = placements[link].translation_m - section.translation_m;
+            let (force, moment) =
+                (at.row.fixed_rows::<3>(0).into_owned(), at.row.fixed_rows::<3>(3).into_owned());
+            for axis in 0..3 {
+                let along: Vector3<f64> = held.column(axis).into_owned();
+                let turned = moment.dot(&(to_section * along));
+                parts[axis][slot][row] =
+                    force.dot(&(to_section * along)) + moment.dot(&(to_section * lever_m.cross(&along)));
+                parts[3 + axis][slot][row] = turned;
+            }
+        }
+    }
+    let columns = parts.into_iter().enumerate().map(|(k, values)| {
+        let parts = felt.iter().map(|k| arm.sensing[*k].channel).zip(values).collect();
+        let (unit, plausible) = if k < 3 { ("N", 50.0) } else { ("Nm", 10.0) };
+        Column::of_parts("", unit, plausible, parts)
+    });
+    columns.collect()
+}
+
+fn column(arm: &Kinematics, values: &BySensing, parameter: &str, unit: &str, plausible: f64) -> Column {
+    let felt = values.iter().enumerate().filter(|(_, values)| !values.is_empty());
+    let parts = felt.map(|(k, values)| (arm.sensing[k].channel, values.clone())).collect();
+    Column::of_parts(parameter, unit, plausible, parts)
+}
+
+fn shows(column: &Column) -> bool {
+    column.parts.iter().any(|(_, values)| values.iter().any(|value| value.abs() > 1e-9))
+}

@@ -1,0 +1,40 @@
+//! Mass and first moments of a link that differ from the simulation's.
+//!
+//! Joint torques are linear in a link's inertial parameters (C. G. Atkeson, C. H. An, J. M. Hollerbach, Int. J. Robotics Research 5(3), 1986).
+//! Where the URDF knows the link's mass, mass and inertia scale together (`relative_mass`); else the mass stands by itself.
+
+use super::*;
+
+/// Inertial parameters of a link.
+pub(super) struct LinkMass;
+
+impl Effect for LinkMass {
+    fn id(&self) -> &'static str {
+        "link_mass"
+    }
+
+    fn words(&self) -> &'static str {
+        "mass or centre of mass of a link"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "weigh the link, or identify its mass in the simulation"
+    }
+
+    fn missing(&self, session: &Session) -> Option<String> {
+        arm::without_arm(session)
+    }
+
+    fn places(&self, session: &Session) -> Vec<Place> {
+        arm::links(session)
+    }
+
+    fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
+        let Place::Link(link) = place else { return Vec::new() };
+        arm::body_columns(session, link, arm::Naming::Link)
+    }
+
+    fn experiment(&self) -> &'static str {
+        "held poses far apart, with nothing at the tip and then with a known weight"
+    }
+}

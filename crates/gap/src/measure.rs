@@ -1,0 +1,136 @@
+//! How large the gap is, how far it shrinks, and what that comes to.
+
+use crate::attribute::{self, Chosen, Subsets};
+use crate::bootstrap::Bootstrap;
+use crate::diagnosis::{Gap, Raw, Verdict};
+use crate::library::Library;
+
+/// After at most so many floors, or with this shrink, a gap is explained.
+const NEAR_FLOOR: f64 = 1.15;
+const EXPLAINED: f64 = 0.9;
+const PARTLY: f64 = 0.3;
+
+/// The gap on scored blocks, in sums of squares over the channels' scales.
+pub(crate) struct Measure<'a> {
+    before: Vec<f64>,
+    after: Vec<f64>,
+    reducible_blocks: Vec<f64>,
+    values: Vec<f64>,
+    /// Mean square that noise leaves.
+    floor: f64,
+    /// Mean square up to which the gap may be nothing: noise as foretold, and the simulation's own uncertainty.
+    allowed: f64,
+    is_found: bool,
+    bootstrap: &'a Bootstrap,
+}
+
+impl<'a> Measure<'a> {
+    /// `floors`: per channel the mean square that noise leaves.
+    pub(crate) fn new(
+        library: &Library<'_>,
+        subsets: &Subsets,
+        chosen: &[Chosen],
+        floors: &[f64],
+        bootstrap: &'a Bootstrap,
+    ) -> Self {
+        let session = library.session;
+        let has_events = chosen.iter().flat_map(|part| &part.terms).any(|id| library.terms[*id].is_event());
+        let mut counts = vec![false; session.blocks()];
+        for block in chosen.iter().flat_map(|part| &part.fold.score) {
+            // What was fitted on even seconds is judged on the odd ones.
+            counts[*block] = !(has_events && session.hold_out.is_even(*block));
+        }
+        let (mut values, mut floor, mut doubts) = (vec![0.0; session.blocks()], 0.0, 0.0);
+        for (channel, own_floor) in session.channels.iter().zip(floors) {
+            for (row, block) in session.hold_out.block_of_row.iter().enumerate() {
+                if counts[*block] && channel.is_read(row) {
+                    values[*block] += 1.0;
+                    floor += own_floor;
+                }
+            }
+        }
+        for doubt in &library.doubts {
+            let own = library.pair(*doubt, *doubt);
+            let sums = own.iter().flat_map(|(own, _)| (0..counts.len()).map(|block| own.at(block, 0, 0)));
+            doubts += sums.zip(&counts).filter(|(_, counts)| **counts).map(|(sum, _)| sum).sum::<f64>();
+        }
+        let all = values.iter().sum::<f64>().max(1.0);
+        let scored = |residuals: &[f64]| -> Vec<f64> {
+            residuals.iter().zip(&counts).map(|(r, counts)| if *counts { *r } else { 0.0 }).collect()
+        };
+        let (before, after) = (scored(subsets.before()), scored(subsets.after()));
+        // What is left is no more than noise, whatever was said of the noise.
+        let floor = (floor / all).min(after.iter().sum::<f64>() / all);
+        let reducible_blocks = before.iter().zip(&values).map(|(b, n)| b - floor * n).collect();
+        let told: f64 = session.channels.iter().map(|channel| channel.floor.powi(2)).sum();
+        let allowed = floor.max(told / session.channels.len().max(1) as f64) + doubts / all;
+        let is_found = !subsets.effects.is_empty() && floor > 0.0;
+        Self { before, after, reducible_blocks, values, floor, allowed, is_found, bootstrap }
+    }
+
+    /// Share of the reducible gap that an effect takes away, from its part of every block, with its interval of 95 %.
+    pub(crate) fn share(&self, parts: &[f64]) -> (f64, [f64; 2]) {
+        let scored: Vec<f64> =
+            parts.iter().zip(&self.values).map(|(part, n)| if *n > 0.0 { *part } else { 0.0 }).collect();
+        let share = scored.iter().sum::<f64>() / self.reducible().max(f64::MIN_POSITIVE);
+        (share, attribute::interval(self.bootstrap, &scored, &self.reducible_blocks))
+    }
+
+    fn reducible(&self) -> f64 {
+        self.reducible_blocks.iter().sum()
+    }
+
+    fn rms(&self, squares: &[f64]) -> f64 {
+        (squares.iter().sum::<f64>() / self.values.iter().sum::<f64>().max(1.0)).sqrt()
+    }
+
+    fn removed(&self) -> Vec<f64> {
+        self.before.iter().zip(&self.after).map(|(b, a)| b - a).collect()
+    }
+
+    /// Nothing beyond noise: the interval of the gap reaches down to the floor, and no effect stands out of it although the sum over
+    /// all channels does not show it. A gap of exactly nothing is none either.
+    fn is_noise(&self) -> bool {
+        let lowest = attribute::interval(self.bootstrap, &self.before, &self.values)[0];
+        (!self.is_found && lowest <= self.allowed) || self.before.iter().all(|b| *b == 0.0)
+    }
+
+    fn shrink(&self) -> Option<f64> {
+        (!self.is_noise() && self.reducible() > 0.0)
+            .then(|| self.removed().iter().sum::<f64>() / self.reducible())
+    }
+
+    /// What it comes to.
+    pub(crate) fn verdict(&self) -> Verdict {
+        let Some(shrink) = self.shrink() else { return Verdict::NoGap };
+        let near = self.floor > 0.0 && self.rms(&self.after) <= NEAR_FLOOR * self.floor.sqrt();
+        if shrink >= EXPLAINED || (near && self.is_found) {
+            Verdict::Explained
+        } else if shrink >= PARTLY {
+            Verdict::PartlyExplained
+        } else {
+            Verdict::Unexplained
+        }
+    }
+
+    /// The gap as figures.
+    pub(crate) fn gap(&self, raw: Raw) -> Gap {
+        Gap {
+            before: self.rms(&self.before),
+            after: self.rms(&self.after),
+            floor: self.floor.sqrt(),
+            shrink: self.shrink(),
+            shrink_ci95: self
+                .shrink()
+                .map(|_| attribute::interval(self.bootstrap, &self.removed(), &self.reducible_blocks)),
+            raw,
+        }
+    }
+
+    /// What the reader should know about the floor.
+    pub(crate) fn note(&self) -> Option<String> {
+        (self.floor == 0.0).then(|| {
+            "how much of the gap is noise is not known: give `noise` for each [[channel]], or record a repeat".to_owned()
+        })
+    }
+}

@@ -1,0 +1,358 @@
+//! Which effects, and where: forward steps with a search of shapes, swaps of effects, then backward steps, all scored on what
+//! was left out.
+//!
+//! A forward step takes one (effect, place), or an effect at all places where it helps at once. It must lower the squared
+//! residual of left-out folds by a practical minimum, beyond what drawing blocks anew explains, and in most folds. Where
+//! several are as good within that, the one with the fewest parameters is taken.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::bootstrap::Bootstrap;
+use crate::candidates::{Candidates, Choice, Training, sum_of_difference, without};
+use crate::doubt::exceeds;
+use crate::effects::Place;
+use crate::fit::Design;
+use crate::library::{Library, TermId};
+use crate::refine::refine;
+use crate::screen::Screen;
+
+/// Share of the reducible gap that a further effect must explain, and a further place of one already found.
+const LEAST_SHARE: f64 = 0.01;
+const LEAST_SHARE_OF_PLACE: f64 = 0.003;
+/// Effects at most.
+const MOST_EFFECTS: usize = 6;
+/// Steps at most: effects times places.
+const MOST_STEPS: usize = 40;
+/// Candidates of a step that are fitted and scored after the screening.
+const SCORED: usize = 8;
+/// Effects that are also tried at several places at once.
+const GROUPS: usize = 6;
+/// Share of draws in which an improvement may fail to show: of a further effect, and of a further place of one already found.
+const DOUBT: f64 = 0.005;
+const DOUBT_OF_PLACE: f64 = 0.05;
+/// Candidates whose improvements differ by less than this share of the larger are equally good.
+const EQUALLY_GOOD: f64 = 0.03;
+/// So far apart they may be if drawing blocks anew does not tell them apart.
+const UNCLEAR: f64 = 0.2;
+const UNCLEAR_AT_THE_END: f64 = 0.05;
+/// Effects from which the search begins, each by itself.
+const BEGINNINGS: usize = 3;
+
+/// Share of all folds' changes below which a fold's change counts for nothing.
+const LEAST_OF_FOLD: f64 = 0.02;
+
+/// Mean square over its noise by which a channel must improve, at most.
+const WORTH: f64 = 0.05;
+
+/// What a step brings.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum News {
+    /// An effect not found before.
+    Effect,
+    /// A further place of an effect already found.
+    Place,
+}
+
+/// The search on one training set.
+pub(crate) struct Search<'c, 'l, 's> {
+    pub(crate) library: &'l mut Library<'s>,
+    pub(crate) candidates: &'c Candidates,
+    pub(crate) training: &'c Training,
+    pub(crate) bootstrap: &'c Bootstrap,
+}
+
+/// The shape that explains most; of those that are as good the one with the fewest parameters.
+fn best_shape(screen: &Screen<'_, '_>, library: &Library<'_>, shapes: &[TermId]) -> Option<(f64, TermId)> {
+    let gains: Vec<(f64, TermId)> = shapes.iter().map(|id| (screen.gain(*id), *id)).collect();
+    let most = gains.iter().map(|(gain, _)| *gain).max_by(f64::total_cmp)?;
+    let within = if library.session.hold_out.is_even.is_empty() { 0.0 } else { EQUALLY_GOOD };
+    let as_good = gains.into_iter().filter(|(gain, _)| most - gain <= within * most.abs());
+    as_good.min_by(|a, b| {
+        let freedom = |id: TermId| library.terms[id].freedom();
+        freedom(a.1).cmp(&freedom(b.1)).then(b.0.total_cmp(&a.0))
+    })
+}
+
+impl Search<'_, '_, '_> {
+    /// Chooses terms: from each of the best beginnings on, and then the best end.
+    pub(crate) fn run(&mut self) -> Choice {
+        let nothing = self.choice(Vec::new());
+        let reducible = (nothing.residual.iter().sum::<f64>() - self.training.floor).max(0.0);
+        let mut ends = Vec::new();
+        for beginning in self.steps(&nothing, reducible, BEGINNINGS) {
+            let mut choice = self.refined(beginning, 0);
+            for _ in 0..MOST_STEPS {
+                choice = self.better_shapes(choice);
+                let Some(next) = self.steps(&choice, reducible, 1).pop() else { break };
+                choice = self.refined(next, choice.terms.len());
+            }
+            choice = self.swapped(choice, reducible);
+            choice = self.backward(choice, reducible);
+            ends.push((sum_of_difference(&nothing, &choice), self.freedom(&choice.terms), choice));
+        }
+        self.simplest(&ends, UNCLEAR_AT_THE_END).unwrap_or(nothing)
+    }
+
+    /// The choice with the continuous parameters of its newest terms at their best: what a coarse shape leaves would else be
+    /// taken for further effects.
+    fn refined(&mut self, choice: Choice, known: usize) -> Choice {
+        let terms = refine(self.library, self.candidates, &choice.terms, known, &self.training.blocks);
+        let refined = self.choice(terms);
+        if sum_of_difference(&choice, &refined) > 0.0 { refined } else { choice }
+    }
+
+    /// The terms with their left-out residuals.
+    pub(crate) fn choice(&mut self, terms: Vec<TermId>) -> Choice {
+        self.library.prepare(&terms, &terms);
+        let residual = Design::new(self.library, &terms).left_out(&self.training.folds);
+        Choice { terms, residual }
+    }
+
+    fn effects(&self, terms: &[TermId]) -> BTreeSet<usize> {
+        terms.iter().map(|id| self.library.terms[*id].effect).collect()
+    }
+
+    /// Best shape of every (effect, place) that may be added, with its fall of the squared residual where it is fitted.
+    pub(crate) fn screened(
+        &mut self,
+        terms: &[TermId],
+        allowed: impl Fn(usize) -> bool,
+    ) -> Vec<(f64, TermId)> {
+        let taken: BTreeSet<(usize, Place)> = terms.iter().map(|id| self.site(*id)).collect();
+        let open: Vec<&[TermId]> = self
+            .candidates
+            .iter()
+            .filter(|(effect, shapes)| allowed(*effect) && !taken.contains(&self.site(shapes[0])))
+            .map(|(_, shapes)| shapes)
+            .collect();
+        let all: Vec<TermId> = open.iter().flat_map(|shapes| shapes.iter().copied()).collect();
+        self.library.prepare(&all, terms);
+        let screen = Screen::new(self.library, terms, &self.training.blocks);
+        open.iter().filter_map(|shapes| best_shape(&screen, self.library, shapes)).collect()
+    }
+
+    fn site(&self, id: TermId) -> (usize, Place) {
+        (self.library.terms[id].effect, self.library.terms[id].place)
+    }
+
+    fn freedom(&self, terms: &[TermId]) -> usize {
+        terms.iter().map(|id| self.library.terms[*id].freedom()).sum()
+    }
+
+    /// The best ways to go on, one an effect, the best last; none where nothing improves.
+    fn steps(&mut self, choice: &Choice, reducible: f64, wanted: usize) -> Vec<Choice> {
+        let effects = self.effects(&choice.terms);
+        let may_grow = effects.len() < MOST_EFFECTS;
+        let mut screened = self.screened(&choice.terms, |effect| may_grow || effects.contains(&effect));
+        screened.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut steps: Vec<Vec<TermId>> = screened.iter().take(SCORED).map(|(_, id)| vec![*id]).collect();
+        steps.extend(self.groups(&screened, reducible));
+        let mut scored: BTreeMap<usize, Vec<(f64, usize, Choice)>> = BTreeMap::new();
+        for step in steps {
+            let effect = self.library.terms[step[0]].effect;
+            let news = if effects.contains(&effect) { News::Place } else { News::Effect };
+            let freedom = self.freedom(&step);
+            let next = self.choice(choice.terms.iter().copied().chain(step).collect());
+            let improves = self.is_plausible(&next) && self.improves(choice, &next, news, reducible);
+            if improves && self.is_beyond_doubt(choice, &next) {
+                scored.entry(effect).or_default().push((sum_of_difference(choice, &next), freedom, next));
+            }
+        }
+        let mut best: Vec<(f64, usize, Choice)> = Vec::new();
+        for ways in scored.into_values() {
+            let Some(simplest) = self.simplest(&ways, UNCLEAR) else { continue };
+            best.push((sum_of_difference(choice, &simplest), self.freedom(&simplest.terms), simplest));
+        }
+        if wanted == 1 {
+            return self.simplest(&best, UNCLEAR).into_iter().collect();
+        }
+        best.sort_by(|a, b| a.0.total_cmp(&b.0));
+        best.split_off(best.len().saturating_sub(wanted)).into_iter().map(|(_, _, choice)| choice).collect()
+    }
+
+    /// The one with the fewest parameters among those (gain, parameters, choice) that are as good as the best.
+    fn simplest(&self, ways: &[(f64, usize, Choice)], unclear: f64) -> Option<Choice> {
+        let (gain, _, best) = ways.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let as_good = |other: &&(f64, usize, Choice)| {
+            let behind: Vec<f64> = other.2.residual.iter().zip(&best.residual).map(|(a, b)| a - b).collect();
+            gain - other.0 <= EQUALLY_GOOD * gain
+                || (gain - other.0 <= unclear * gain && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
+        };
+        let simplest = ways.iter().filter(as_good).min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0)))?;
+        Some(simplest.2.clone())
+    }
+
+    /// Whether the parameters that all training blocks ask for are plausible.
+    fn is_plausible(&self, choice: &Choice) -> bool {
+        let design = Design::new(self.library, &choice.terms);
+        design.is_plausible(&design.solve(&self.training.blocks))
+    }
+
+    /// Puts another effect in the place of one, where that is better beyond doubt.
+    fn swapped(&mut self, mut choice: Choice, reducible: f64) -> Choice {
+        for effect in self.effects(&choice.terms) {
+            let others = self.replacements(&choice, effect).into_iter().map(|(_, other)| other);
+            let better = others
+                .filter(|other| {
+                    self.is_plausible(other) && self.improves(&choice, other, News::Effect, reducible)
+                })
+                .min_by(|a, b| a.residual.iter().sum::<f64>().total_cmp(&b.residual.iter().sum()));
+            choice = better.unwrap_or(choice);
+        }
+        choice
+    }
+
+    /// Best terms of other effects that touch what this one touches, the most helpful first.
+    pub(crate) fn rivals_of(
+        &mut self,
+        others: &[TermId],
+        term: TermId,
+        allowed: impl Fn(usize) -> bool,
+    ) -> Vec<(f64, TermId)> {
+        let own = self.library.terms[term].clone();
+        let mut found = self.screened(others, |effect| effect != own.effect && allowed(effect));
+        found.retain(|(gain, id)| *gain > 0.0 && self.library.terms[*id].touches(&own));
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut seen = BTreeSet::new();
+        found.retain(|(_, id)| seen.insert(self.library.terms[*id].effect));
+        found
+    }
+
+    /// The choice with another effect, at as many places at most, instead of this one.
+    pub(crate) fn replacements(&mut self, choice: &Choice, effect: usize) -> Vec<(usize, Choice)> {
+        let (own, rest): (Vec<TermId>, Vec<TermId>) =
+            choice.terms.iter().partition(|id| self.library.terms[**id].effect == effect);
+        let taken = self.effects(&choice.terms);
+        let mut by_effect: BTreeMap<usize, Vec<(f64, TermId)>> = BTreeMap::new();
+        for (gain, id) in self.screened(&rest, |other| !taken.contains(&other)) {
+            let term = &self.library.terms[id];
+            if gain > 0.0 && own.iter().any(|own| self.library.terms[*own].touches(term)) {
+                by_effect.entry(term.effect).or_default().push((gain, id));
+            }
+        }
+        let mut out = Vec::with_capacity(by_effect.len());
+        for (other, mut terms) in by_effect {
+            terms.sort_by(|a, b| b.0.total_cmp(&a.0));
+            terms.truncate(own.len());
+            let terms = rest.iter().copied().chain(terms.iter().map(|(_, id)| *id)).collect();
+            out.push((other, self.choice(terms)));
+        }
+        out
+    }
+
+    /// Every effect at all the places where it could help.
+    fn groups(&self, screened: &[(f64, TermId)], reducible: f64) -> Vec<Vec<TermId>> {
+        let mut groups: BTreeMap<usize, Vec<TermId>> = BTreeMap::new();
+        for (gain, id) in screened {
+            if *gain > self.least(LEAST_SHARE_OF_PLACE, reducible) {
+                groups.entry(self.library.terms[*id].effect).or_default().push(*id);
+            }
+        }
+        let mut groups: Vec<Vec<TermId>> = groups.into_values().filter(|terms| terms.len() > 1).collect();
+        let worth = |terms: &Vec<TermId>| {
+            screened.iter().filter(|(_, id)| terms.contains(id)).map(|(gain, _)| gain).sum::<f64>()
+        };
+        groups.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
+        groups.truncate(GROUPS);
+        groups
+    }
+
+    /// Fall of the squared residual that is worth a finding: a share of what can go away, but where noise is known never more
+    /// than a fraction of one channel's noise, or a large gap would hide the others.
+    fn least(&self, share: f64, reducible: f64) -> f64 {
+        let session = self.library.session;
+        if session.hold_out.is_even.is_empty() {
+            return share * reducible;
+        }
+        let values: f64 = self.training.blocks.iter().map(|block| self.library.counts[*block]).sum();
+        (share * reducible).min(WORTH * values / session.channels.len().max(1) as f64)
+    }
+
+    /// Whether what `next` adds is more than noise and the simulation's own uncertainty make of nothing.
+    fn is_beyond_doubt(&mut self, now: &Choice, next: &Choice) -> bool {
+        if self.library.session.hold_out.is_even.is_empty() {
+            // A comparison states neither noise nor doubt that could be exceeded.
+            return true;
+        }
+        let added: Vec<TermId> = next.terms[now.terms.len()..].to_vec();
+        // Each by itself: in a crowd one could do the work for all.
+        added.iter().all(|id| {
+            let others = next.terms.iter().copied().filter(|other| other != id);
+            let terms: Vec<TermId> = others.chain([*id]).collect();
+            exceeds(self.library, &terms, terms.len() - 1, &self.training.blocks)
+        })
+    }
+
+    /// Whether `next` is better than `now` on what was left out: by a practical minimum, beyond doubt and in most folds.
+    fn improves(&self, now: &Choice, next: &Choice, news: News, reducible: f64) -> bool {
+        let mut gains: Vec<f64> = now.residual.iter().zip(&next.residual).map(|(a, b)| a - b).collect();
+        let mut terms = now.terms.iter().chain(&next.terms);
+        if terms.any(|id| self.library.terms[*id].is_event()) {
+            // Even seconds were fitted on: what is seen on the odd ones stands for both.
+            let hold_out = &self.library.session.hold_out;
+            for (block, gain) in gains.iter_mut().enumerate() {
+                *gain *= if hold_out.is_even(block) { 0.0 } else { 2.0 };
+            }
+        }
+        let folds = &self.training.folds;
+        let by_fold: Vec<f64> =
+            folds.iter().map(|fold| fold.score.iter().map(|block| gains[*block]).sum::<f64>()).collect();
+        // A fold where nothing changes (a limit that is not reached, a joint that stands still) says neither yes nor no.
+        let weighty = LEAST_OF_FOLD * by_fold.iter().map(|gain| gain.abs()).sum::<f64>();
+        let asked = by_fold.iter().filter(|gain| gain.abs() >= weighty).count();
+        let better = by_fold.iter().filter(|gain| **gain >= weighty && **gain > 0.0).count();
+        let (least, doubt, most) = match news {
+            News::Effect => (LEAST_SHARE, DOUBT, 3 * better >= 2 * asked),
+            News::Place => (LEAST_SHARE_OF_PLACE, DOUBT_OF_PLACE, 2 * better >= asked),
+        };
+        gains.iter().sum::<f64>() > self.least(least, reducible)
+            && most
+            && self.bootstrap.quantile_of_sum(&gains, doubt) > 0.0
+    }
+
+    /// Tries the other shapes of every term.
+    fn better_shapes(&mut self, mut choice: Choice) -> Choice {
+        for index in 0..choice.terms.len() {
+            let site = self.site(choice.terms[index]);
+            let found = self.candidates.iter().find(|(_, shapes)| self.site(shapes[0]) == site);
+            let Some((_, shapes)) = found.filter(|(_, shapes)| shapes.len() > 1) else { continue };
+            let others: Vec<TermId> = without(&choice.terms, index);
+            self.library.prepare(shapes, &others);
+            let screen = Screen::new(self.library, &others, &self.training.blocks);
+            let best = best_shape(&screen, self.library, shapes);
+            let Some((_, id)) = best.filter(|(_, id)| *id != choice.terms[index]) else { continue };
+            let mut terms = choice.terms.clone();
+            terms[index] = id;
+            let other = self.choice(terms);
+            if sum_of_difference(&choice, &other) > 0.0 {
+                choice = other;
+            }
+        }
+        choice
+    }
+
+    /// Drops terms whose use is in doubt, the least useful first, once all effects are together: before, a place may seem
+    /// useless only because another effect is still missing.
+    fn backward(&mut self, mut choice: Choice, reducible: f64) -> Choice {
+        let mut uses: Vec<(f64, TermId)> = Vec::with_capacity(choice.terms.len());
+        for index in 0..choice.terms.len() {
+            let smaller = self.choice(without(&choice.terms, index));
+            uses.push((sum_of_difference(&smaller, &choice), choice.terms[index]));
+        }
+        uses.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (_, id) in uses {
+            let Some(index) = choice.terms.iter().position(|known| *known == id) else { continue };
+            let only = choice.terms.iter().filter(|other| self.same_effect(**other, id)).count() == 1;
+            let smaller = self.choice(without(&choice.terms, index));
+            let news = if only { News::Effect } else { News::Place };
+            if !self.improves(&smaller, &choice, news, reducible) {
+                choice = smaller;
+            }
+        }
+        choice
+    }
+
+    fn same_effect(&self, a: TermId, b: TermId) -> bool {
+        self.library.terms[a].effect == self.library.terms[b].effect
+    }
+}
