@@ -186,7 +186,12 @@ fn strain(effect: &Effect, counts_per_nm: f64) -> Option<Strain> {
             let width = effect.number("width");
             strain.hysteresis = (Hysteresis::BoucWen { width, exponent: 1.4, unloading: 0.7 }, a);
         }
-        Kind::Creep => strain.creep = (a, effect.number("tau_s")),
+        Kind::Creep => {
+            // The mean retardation time of tau^n exp(-tau / T), over the logarithm of tau, is n T.
+            let exponent = 0.2;
+            strain.creep = (a, exponent);
+            strain.creep_ends_s = effect.number("tau_s") / exponent;
+        }
         _ => return None,
     }
     Some(strain)

@@ -68,7 +68,7 @@ kinds! {
     Drift "drift" Gauge "amplitude" 3000.0 ["tau_s" 40.0] "A zero that creeps with the logarithm of time, counts.";
     Nonlinearity "nonlinearity" Gauge "relative" 0.01 ["order" 2.0] "A bent characteristic, share of half the range.";
     Hysteresis "hysteresis" Gauge "relative" 0.01 ["width" 0.15] "A loop (Bouc, Wen), share of half the range.";
-    Creep "creep" Gauge "relative" 0.01 ["tau_s" 0.2] "A power of time (its exponent is tau_s), share of the load.";
+    Creep "creep" Gauge "relative" 0.01 ["tau_s" 30.0] "A power of time that ends (mean retardation time tau_s), share of the load after five minutes.";
     Saturation "saturation" Gauge "limit" 1e6 [] "A limit, counts beyond the bias.";
     Spikes "spikes" Gauge "amplitude" 2e4 ["rate_hz" 0.3] "Single readings, counts.";
     MainsPickup "mains_pickup" Gauge "amplitude" 3000.0 ["hz" 49.99] "A sine, counts.";

@@ -98,6 +98,7 @@ impl Strain {
             bend: (Curve::Cubic, 0.0),
             hysteresis: (Hysteresis::BoucWen { width: 0.1, exponent: 1.0, unloading: 0.5 }, 0.0),
             creep: (0.0, 0.2),
+            creep_ends_s: f64::INFINITY,
             drift_per_k: 0.0,
             lags_s: [1.0, 1.0],
         }
