@@ -8,7 +8,7 @@
 //! serves calibration and cycle, and the coefficients `c_k` enter linearly. The readings stand for the strain behind them: to
 //! first order in the (small) coefficients the two regressors agree. With `u = (z - centre) / scale`, smoothed:
 //!
-//! - temperature: the thermometer's reading through a first-order lag, less a reference
+//! - temperature: the thermometer's reading, smoothed, through a first-order lag, less a reference
 //! - power: `u^n`
 //! - creep: `lag(u) - u`, one time constant a term; a power law is a sum of such (Findley; Schapery)
 //! - hysteresis: `play(u) - u`, one width a term (Prandtl and Ishlinskii; M. Krasnosel'skii, A. Pokrovskii, Systems with Hysteresis)

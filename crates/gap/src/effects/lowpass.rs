@@ -31,10 +31,7 @@ impl Effect for Lowpass {
     }
 
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
-        let (Some(step_s), Some(longest_s)) = (session.step_s(), session.longest_s()) else {
-            return Vec::new();
-        };
-        geometric(0.25 * step_s, (60.0 * step_s).min(longest_s / 4.0).max(step_s), 24)
+        latenesses(session)
     }
 
     fn is_continuous(&self) -> bool {

@@ -301,6 +301,14 @@ fn geometric(low: f64, high: f64, count: usize) -> Vec<Shape> {
     (0..count).map(|k| vec![low * (high / low).powf(k as f64 / steps)]).collect()
 }
 
+/// Times (s) by which a signal may be late: from a quarter of a step to sixty steps, as far as the recordings are long enough.
+fn latenesses(session: &Session) -> Vec<Shape> {
+    let (Some(step_s), Some(longest_s)) = (session.step_s(), session.longest_s()) else {
+        return Vec::new();
+    };
+    geometric(0.25 * step_s, (60.0 * step_s).min(longest_s / 4.0).max(step_s), 24)
+}
+
 /// What a first-order lag (s) makes of a signal, each segment by itself, from its first value: exact for a signal that
 /// goes straight from instant to instant.
 fn lagged(session: &Session, values: &[f64], tau_s: f64) -> Vec<f64> {

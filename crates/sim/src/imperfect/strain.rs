@@ -260,16 +260,7 @@ mod tests {
     use super::*;
 
     fn quiet() -> Strain {
-        Strain {
-            centre_counts: 0.0,
-            half_counts: 1000.0,
-            bend: (Curve::Cubic, 0.0),
-            hysteresis: (Hysteresis::BoucWen { width: 0.1, exponent: 1.5, unloading: 0.6 }, 0.0),
-            creep: (0.0, 0.2),
-            creep_ends_s: f64::INFINITY,
-            drift_per_k: 0.0,
-            lags_s: [60.0, 10.0],
-        }
+        Strain { lags_s: [60.0, 10.0], ..Strain::straight(1000.0) }
     }
 
     fn state(fault: &Strain) -> StrainState {
