@@ -6,10 +6,11 @@ use wrenchd_tests::programs::workspace;
 use wrenchd_tests::python::{self, Decoded};
 use wrenchd_tests::{Check, Failure, ensure};
 
-/// Status bits: do not use; a gauge is left out; an input is stale.
+/// Status bits: do not use; a gauge is left out; an input is stale; a direction is not known well.
 pub(crate) const INVALID: u8 = 1;
 pub(crate) const DEGRADED: u8 = 1 << 1;
 pub(crate) const STALE: u8 = 1 << 3;
+pub(crate) const UNCERTAIN: u8 = 1 << 4;
 /// The status of a record that says that no snapshot came.
 pub(crate) const SILENCE: u8 = INVALID | STALE;
 /// Without a snapshot for so long the bus counts as silent: the default of `stale_after_s`, ns.

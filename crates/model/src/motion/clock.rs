@@ -5,7 +5,7 @@
 //! period, as often as their counters say, whatever the stamps do. The stamps serve to learn that period
 //! ([`Rhythm`]), and to tell where the boards themselves may have paused: then the step says how unsure it is.
 
-use super::rhythm::{Rhythm, Step, median};
+use super::rhythm::{LATE_BY_AT_MOST_S, Rhythm, Step, median};
 
 /// Scatter beyond this share of the period means that rounds do not come periodically: steps are taken from the stamps. Where counters
 /// say how many cycles passed it is the scatter of the least late stamps that counts, for a host does not delay all of them for long; then
@@ -42,6 +42,7 @@ pub struct RoundClock {
     last: Option<(Sampled, i64)>,
     rhythm: Option<Rhythm>,
     floor: Floor,
+    long_run: LongRun,
     /// Period of a rhythm that was lost, s.
     former_s: Option<f64>,
     /// The intervals so far, until there are enough to know the period, s a cycle.
@@ -62,7 +63,7 @@ impl RoundClock {
         };
         let interval_s = stamp_ns.saturating_sub(before_ns) as f64 * 1e-9;
         let cycles = cycles.filter(|cycles| *cycles > 0);
-        let sampled = match self.step(interval_s, cycles) {
+        let sampled = match self.step(interval_s, cycles).map(|step| self.doubted(step, interval_s, cycles)) {
             Some(step) => Sampled {
                 at_ns: before.at_ns + ((step.s * 1e9).round() as i64).max(1),
                 walked_s2: before.walked_s2 + step.variance_s2,
@@ -71,11 +72,21 @@ impl RoundClock {
             None => {
                 self.forget();
                 self.floor = Floor::default();
+                self.long_run = LongRun::default();
                 Sampled { at_ns: before.at_ns + JUMP_NS, ..before }
             }
         };
         self.last = Some((sampled, stamp_ns));
         sampled
+    }
+
+    /// The step, in doubt where its cycles contradict those of the last seconds.
+    fn doubted(&mut self, mut step: Step, interval_s: f64, cycles: Option<u32>) -> Step {
+        if let Some(cycles) = cycles.map(f64::from) {
+            let missing_s = cycles * self.long_run.observe(interval_s, cycles, step.s / cycles);
+            step.variance_s2 += missing_s * missing_s;
+        }
+        step
     }
 
     /// Step from the round before; `None` where nothing is known of it.
@@ -128,6 +139,10 @@ impl RoundClock {
                 (Some(former_s), Some(_)) if !agree(intervals, found_s) => Rhythm::again(former_s, intervals),
                 _ => Rhythm::new(found_s, intervals),
             });
+            // Against a period that was wrong every stamp wandered.
+            if !self.former_s.is_some_and(|former_s| agree(&[found_s], former_s)) {
+                self.floor = Floor::default();
+            }
         }
         Some(Step { s, variance_s2: sigma_s * sigma_s, scatter_s: sigma_s })
     }
@@ -145,6 +160,32 @@ fn agree(intervals: &[f64], period_s: f64) -> bool {
     const ABOUT: f64 = 0.1;
     let about = intervals.iter().filter(|interval| (*interval - period_s).abs() < ABOUT * period_s).count();
     4 * about >= 3 * intervals.len()
+}
+
+/// Time and the boards' cycles over the last seconds: whatever a host does to single stamps, it keeps back no round for long.
+#[derive(Clone, Debug, Default)]
+struct LongRun {
+    span_s: f64,
+    cycles: f64,
+}
+
+impl LongRun {
+    /// Takes in an interval of so many cycles; by how much the mean cycle then contradicts this period, s.
+    fn observe(&mut self, interval_s: f64, cycles: f64, period_s: f64) -> f64 {
+        /// Of what was before this half is forgotten, s.
+        const LONG_S: f64 = 20.0;
+        /// Boards that pause now and then make the mean longer by up to this share.
+        const PAUSED: f64 = 0.1;
+        self.span_s += interval_s;
+        self.cycles += cycles;
+        if self.span_s > LONG_S {
+            self.span_s *= 0.5;
+            self.cycles *= 0.5;
+        }
+        let apart_s = (self.span_s - self.cycles * period_s).abs();
+        let contradicted = apart_s > LATE_BY_AT_MOST_S + PAUSED * self.span_s;
+        if contradicted { apart_s / self.cycles } else { 0.0 }
+    }
 }
 
 /// How far the least late stamps wander against the boards' time.
@@ -312,6 +353,44 @@ mod tests {
             (0..2000i64).map(|k| (k * PERIOD_NS, (k / 5 * 5 + 4) * PERIOD_NS + k % 5 * 100_000)).collect();
         let steps = steps(&rounds, true);
         assert!(rms(steps.iter().map(|(e, _)| *e)) < 20e-6, "{}", rms(steps.iter().map(|(e, _)| *e)));
+    }
+
+    /// For eight seconds a host stands still most of the time, and hands on what it missed at another pace each time; then it is in time.
+    fn breathless_host(mut seed: u64) -> Vec<i64> {
+        let (mut free_ns, mut awake_until_ns, mut pace_ns) = (0, 0, 0);
+        (0..2000)
+            .map(|k| {
+                let mut stamp_ns = (k * PERIOD_NS).max(free_ns);
+                if k < 1000 && stamp_ns > awake_until_ns {
+                    stamp_ns += 300_000_000 + (uniform(&mut seed) * 150e6) as i64;
+                    awake_until_ns = stamp_ns + 150_000_000 + (uniform(&mut seed) * 150e6) as i64;
+                    pace_ns = 1_000_000 + (uniform(&mut seed) * 1.5e6) as i64;
+                }
+                free_ns = stamp_ns + pace_ns;
+                stamp_ns
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_rhythm_found_in_a_burst_is_given_up() {
+        for seed in 1..=20 {
+            let stamps = breathless_host(seed);
+            let mut clock = RoundClock::default();
+            let mut before = clock.observe(stamps[0], None);
+            for (k, stamp_ns) in stamps.iter().enumerate().skip(1) {
+                let sampled = clock.observe(*stamp_ns, Some(1));
+                let error_s = (sampled.at_ns - before.at_ns - PERIOD_NS) as f64 * 1e-9;
+                let sigma_s = (sampled.walked_s2 - before.walked_s2).sqrt();
+                // After the first second that a rhythm is wrong is known all the time.
+                let known = error_s.abs() < 2e-6 + 4.0 * sigma_s;
+                assert!(k < 150 || known, "seed {seed}, round {k}: {error_s} {sigma_s}");
+                // In time again it takes half a second to see it, and some rounds to find the right one.
+                let found = error_s.abs() < 20e-6 && sigma_s < 100e-6;
+                assert!(k < 1250 || found, "seed {seed}, round {k}: {error_s} {sigma_s}");
+                before = sampled;
+            }
+        }
     }
 
     #[test]

@@ -6,6 +6,9 @@ const CLIP_SIGMA: f64 = 3.0;
 /// With so many more rounds late beyond the clip than in time the rhythm is lost.
 const LATE_AT_MOST: u32 = 20;
 
+/// No host keeps rounds back for longer, s: then it is the period that is too short, as one found within a burst is.
+pub(super) const LATE_BY_AT_MOST_S: f64 = 0.5;
+
 /// A stamp cannot be early but where the phase was wrong; after so many in a row the period is another one.
 const EARLY_AT_MOST: u32 = 3;
 
@@ -88,7 +91,7 @@ impl Rhythm {
 
     /// Whether the stamps contradict it for so long that it must be found anew.
     pub(super) fn is_lost(&self) -> bool {
-        self.late > LATE_AT_MOST || self.early_in_a_row >= EARLY_AT_MOST
+        self.late > LATE_AT_MOST || self.late_s > LATE_BY_AT_MOST_S || self.early_in_a_row >= EARLY_AT_MOST
     }
 
     /// Goes on to the round of the next stamp, `interval_s` after the last one; the boards' step to it.
