@@ -5,6 +5,7 @@
 //! - [`suite`]: the scenarios of one test target, run by that target's own executable inside the machine.
 //! - [`guest`]: what a scenario works with: links, captures, directories.
 //! - [`process`]: child programs with a deadline on everything.
+//! - [`package`]: the Debian package.
 //! - [`programs`], [`python`]: the programs under test, and the independent decoder.
 //! - [`browser`]: what a person sees of a report.
 //! - [`candump`]: recordings cut, retimed and repacked as text, without the code under test.
@@ -14,6 +15,7 @@ pub mod candump;
 mod failure;
 pub mod guest;
 pub mod machine;
+pub mod package;
 mod packages;
 pub mod process;
 pub mod programs;

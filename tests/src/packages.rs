@@ -21,6 +21,10 @@ pub(crate) const UNSHARE: Tool = Tool { program: "unshare", package: "util-linux
 pub(crate) const MODPROBE: Tool = Tool { program: "modprobe", package: "kmod" };
 pub(crate) const UML: Tool = Tool { program: "linux.uml", package: "user-mode-linux" };
 pub(crate) const CC: Tool = Tool { program: "cc", package: "gcc libc6-dev" };
+pub(crate) const MMDEBSTRAP: Tool = Tool { program: "mmdebstrap", package: "mmdebstrap" };
+pub(crate) const MKE2FS: Tool = Tool { program: "mke2fs", package: "e2fsprogs" };
+pub(crate) const XZ: Tool = Tool { program: "xz", package: "xz-utils" };
+pub(crate) const SHLIBDEPS: Tool = Tool { program: "dpkg-shlibdeps", package: "dpkg-dev" };
 pub(crate) const PYTHON: Tool = Tool { program: "python3", package: "python3" };
 
 /// Where programs are looked for: `PATH`, and where Debian keeps those of the administrator.
@@ -79,32 +83,32 @@ pub(crate) fn install(packages: &[&str]) -> Check {
         ))
     };
     let apt = find("apt-get").ok_or_else(|| by_hand("this system has no apt-get".into()))?;
-    let sudo = if nix::unistd::geteuid().is_root() {
-        None
-    } else {
-        let sudo = find("sudo").ok_or_else(|| by_hand("not root, and there is no sudo".into()))?;
-        process::run(Command::new(&sudo).args(["-n", "true"]), Duration::from_secs(30))
-            .map_err(|_| by_hand("not root, and sudo asks for a password".into()))?;
-        Some(sudo)
-    };
     let apt_get = |arguments: &[&str]| -> Check {
-        let mut command = match &sudo {
-            Some(sudo) => {
-                let mut command = Command::new(sudo);
-                command.args(["-n", "env", "DEBIAN_FRONTEND=noninteractive"]).arg(&apt);
-                command
-            }
-            None => Command::new(&apt),
-        };
-        command.env("DEBIAN_FRONTEND", "noninteractive").args(["-q", "-y", "-o", "DPkg::Lock::Timeout=300"]);
+        let mut command = as_root("env").map_err(|why| by_hand(why.into()))?;
+        command.arg("DEBIAN_FRONTEND=noninteractive").arg(&apt);
+        command.args(["-q", "-y", "-o", "DPkg::Lock::Timeout=300"]);
         Program::start(command.args(arguments))?.finish(INSTALL_LIMIT)?.expect_code(0).map(drop)
     };
+    as_root("true").map_err(|why| by_hand(why.into()))?;
     println!("installing {} (apt-get)", packages.join(" "));
     let arguments = [&["install", "--no-install-recommends"], packages].concat();
     // The package lists may be missing or old: fetch them only where the first attempt fails.
     apt_get(&arguments)
         .or_else(|_| apt_get(&["update"]).and_then(|()| apt_get(&arguments)))
         .map_err(|failure| by_hand(failure.words().trim_end().to_owned()))
+}
+
+/// A program run by root; why not, where this user cannot.
+pub(crate) fn as_root(program: &str) -> Result<Command, &'static str> {
+    if nix::unistd::geteuid().is_root() {
+        return Ok(Command::new(program));
+    }
+    let sudo = find("sudo").ok_or("not root, and there is no sudo")?;
+    process::run(Command::new(&sudo).args(["-n", "true"]), Duration::from_secs(30))
+        .map_err(|_| "not root, and sudo asks for a password")?;
+    let mut command = Command::new(sudo);
+    command.args(["-n", program]);
+    Ok(command)
 }
 
 /// The installed version of a Debian package, for the record of what was run on.

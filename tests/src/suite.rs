@@ -2,7 +2,7 @@
 
 use crate::guest::Guest;
 use crate::machine::{self, Job, Machine};
-use crate::{Check, Failure, IoContext, programs, python};
+use crate::{Check, Failure, IoContext, package, programs, python};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, ExitCode};
@@ -18,7 +18,34 @@ pub enum Need {
     Python,
     /// [`programs::socket_tests`]
     SocketTests,
+    /// [`package::package`]
+    Package,
 }
+
+/// Where the scenarios of a target run.
+pub struct Stage {
+    /// Prepares the machine.
+    pub prepare: fn() -> Check<Machine>,
+    /// Run before each scenario: the one before may have failed and left something undone.
+    pub before_each: fn() -> Check,
+    /// What is kept of a scenario that failed, beside its own files.
+    pub evidence: fn(&Path) -> Check,
+    /// What is run in a boot of its own, before all scenarios.
+    pub first: Option<&'static Scenario>,
+}
+
+impl Stage {
+    /// A machine with vcan0 and vcan1.
+    pub const CAN: Self = Self {
+        prepare: Machine::prepare,
+        before_each: machine::bring_up_links,
+        evidence: |_| Ok(()),
+        first: None,
+    };
+}
+
+/// Tells the program inside that it is to run what comes before all scenarios.
+const FIRST_VARIABLE: &str = "WRENCHD_TEST_FIRST";
 
 /// One scenario.
 pub struct Scenario {
@@ -67,7 +94,7 @@ impl Request {
 }
 
 /// The `main` of a test target: outside it prepares the machine and runs itself inside; inside it runs the scenarios.
-pub fn main(groups: &[&[Scenario]]) -> ExitCode {
+pub fn main(stage: &Stage, groups: &[&[Scenario]]) -> ExitCode {
     machine::init_if_first_process();
     let request = Request::parse(std::env::args().skip(1));
     let scenarios = || groups.iter().copied().flatten();
@@ -78,26 +105,42 @@ pub fn main(groups: &[&[Scenario]]) -> ExitCode {
         return ExitCode::SUCCESS;
     }
     if let Some(scratch) = machine::inside() {
-        return inside(&chosen, left_out, &scratch);
+        return match stage.first.filter(|_| std::env::var_os(FIRST_VARIABLE).is_some()) {
+            Some(first) => inside(stage, &[first], 0, &scratch),
+            None => inside(stage, &chosen, left_out, &scratch),
+        };
     }
     if chosen.is_empty() {
         summary(0, 0, left_out, Duration::ZERO);
         return ExitCode::SUCCESS;
     }
-    match outside(&chosen) {
+    match outside(stage, &chosen) {
         Ok(0) => ExitCode::SUCCESS,
         Ok(_) => ExitCode::FAILURE,
         Err(failure) => {
-            println!("\nFAILED: the CAN machine: {}", failure.words());
+            println!("\nFAILED: the machine: {}", failure.words());
             ExitCode::FAILURE
         }
     }
 }
 
-fn outside(chosen: &[&Scenario]) -> Check<i32> {
-    let needed = |need: Need| chosen.iter().any(|scenario| scenario.needs.contains(&need));
-    let machine = Machine::prepare()?;
-    println!("CAN machine: {}", machine.description());
+fn outside(stage: &Stage, chosen: &[&Scenario]) -> Check<i32> {
+    let all = || stage.first.iter().chain(chosen);
+    let mut machine = (stage.prepare)()?;
+    println!("machine: {}", machine.description());
+    let job = job(|need| all().any(|scenario| scenario.needs.contains(&need)))?;
+    let spare = Duration::from_secs(30);
+    if let Some(first) = stage.first {
+        let status = machine.run(job.clone().env(FIRST_VARIABLE, "1"), first.limit + spare)?;
+        if status != 0 {
+            return Ok(status);
+        }
+    }
+    machine.run(job, chosen.iter().map(|scenario| scenario.limit).sum::<Duration>() + spare)
+}
+
+/// This executable, to be run inside with all that is needed there.
+fn job(needed: impl Fn(Need) -> bool) -> Check<Job> {
     let mut job = Job::new(std::env::current_exe()?);
     for argument in std::env::args_os().skip(1) {
         job = job.arg(argument);
@@ -115,17 +158,20 @@ fn outside(chosen: &[&Scenario]) -> Check<i32> {
         let (name, path) = python::environment(python::interpreter()?);
         job = job.env(name, path);
     }
-    let limit = chosen.iter().map(|scenario| scenario.limit).sum::<Duration>() + Duration::from_secs(30);
-    machine.run(job, limit)
+    if needed(Need::Package) {
+        let (name, path) = package::environment(package::package()?);
+        job = job.env(name, path);
+    }
+    Ok(job)
 }
 
-fn inside(chosen: &[&Scenario], left_out: usize, scratch: &Path) -> ExitCode {
+fn inside(stage: &Stage, chosen: &[&Scenario], left_out: usize, scratch: &Path) -> ExitCode {
     let started = Instant::now();
     println!("\nrunning {} tests", chosen.len());
     let mut failures = Vec::new();
     for scenario in chosen {
         let begun = Instant::now();
-        let outcome = attempt(scenario, scratch);
+        let outcome = attempt(stage, scenario, scratch);
         let word = if outcome.is_ok() { "ok" } else { "FAILED" };
         println!("test {} ... {word} ({:.1} s)", scenario.name, begun.elapsed().as_secs_f64());
         if let Err(failure) = outcome {
@@ -149,9 +195,8 @@ fn summary(passed: usize, failed: usize, left_out: usize, took: Duration) {
 }
 
 /// Runs a scenario on a thread of its own, within its limit, in a directory of its own.
-fn attempt(scenario: &Scenario, scratch: &Path) -> Check {
-    // The one before may have failed with a link down or gone.
-    machine::bring_up_links()?;
+fn attempt(stage: &Stage, scenario: &Scenario, scratch: &Path) -> Check {
+    (stage.before_each)()?;
     let place = scenario.name.replace("::", "-");
     let dir = std::env::temp_dir().join(&place);
     fs::create_dir_all(&dir).at("create", &dir)?;
@@ -173,6 +218,9 @@ fn attempt(scenario: &Scenario, scratch: &Path) -> Check {
         Err(RecvTimeoutError::Disconnected) => Err(Failure::new("panicked; see above")),
     };
     if outcome.is_err() {
+        if let Err(failure) = (stage.evidence)(&dir) {
+            println!("what else there is to see was not kept: {}", failure.words());
+        }
         let kept = scratch.join(&place);
         let _ = Command::new("cp").arg("-r").arg(&dir).arg(&kept).status();
         println!("files of {} are in {}", scenario.name, kept.display());

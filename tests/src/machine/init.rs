@@ -1,4 +1,5 @@
-//! The first process inside user-mode Linux: it mounts, loads the CAN modules, runs the job and powers off.
+//! The first process inside user-mode Linux: it mounts, loads the CAN modules, runs the job and powers off. Where systemd is the first
+//! process, a service of its own runs the job and has systemd power off.
 
 use super::{Job, text};
 use crate::process;
@@ -16,6 +17,8 @@ use std::time::Duration;
 pub(super) const TEMPORARY: &str = "/run/tmp";
 /// The variable of the kernel's command line that names the scratch directory.
 pub(super) const BOOT_VARIABLE: &str = "WRENCHD_TEST_BOOT";
+/// The variable that names the scratch directory to systemd's service.
+pub(super) const SERVICE_VARIABLE: &str = "WRENCHD_TEST_SERVICE";
 /// What this process says on the console when the job's own output begins.
 pub(super) const STARTED: &str = "== the machine is up ==";
 /// Where the job stands in the scratch directory, and what it ended with.
@@ -23,17 +26,31 @@ pub(super) const JOB_FILE: &str = "job";
 pub(super) const STATUS_FILE: &str = "status";
 /// Beneath the scratch directory: `lib/modules`, as modprobe wants it.
 pub(super) const MODULE_ROOT: &str = "modules-root";
+const STEP_LIMIT: Duration = Duration::from_secs(30);
 const PRINTK: &str = "/proc/sys/kernel/printk";
 /// How long real-time threads may run in each second. Time in which the host stops the machine counts as theirs: after a long stop the
 /// kernel would keep the daemon from the processor for about as long, while the sender makes up for what it missed.
 const REAL_TIME_SHARE: &str = "/proc/sys/kernel/sched_rt_runtime_us";
 
-/// Does the first process's work and powers off, when this is the first process of a machine; returns at once when it is not.
-/// To be called first in `main` by every program that is given to [`super::Machine::run`] as its own executable.
+/// Does the first process's work (or that of systemd's service) and powers off, when this is the first process of a machine; returns at once
+/// when it is not. To be called first in `main` by every program that is given to [`super::Machine::run`] as its own executable.
 pub fn init_if_first_process() {
+    if let Some(scratch) = std::env::var_os(SERVICE_VARIABLE) {
+        let scratch = Path::new(&scratch);
+        finish(scratch, serve(scratch));
+        // Returns at once; systemd stops its services, and this process is one.
+        let asked = process::run(Command::new("systemctl").args(["poweroff", "--no-block"]), STEP_LIMIT);
+        std::process::exit(if asked.is_ok() { 0 } else { power_off() });
+    }
     let Some(scratch) = std::env::var_os(BOOT_VARIABLE).filter(|_| std::process::id() == 1) else { return };
     let scratch = Path::new(&scratch);
-    let status = match boot(scratch) {
+    finish(scratch, boot(scratch));
+    std::process::exit(power_off());
+}
+
+/// Writes down what the job ended with.
+fn finish(scratch: &Path, outcome: Check<i32>) {
+    let status = match outcome {
         Ok(status) => status.to_string(),
         Err(failure) => format!("the machine's first process failed: {}", failure.words()),
     };
@@ -43,18 +60,29 @@ pub fn init_if_first_process() {
     nix::unistd::sync();
     // Its farewell is no news.
     let _ = fs::write(PRINTK, "0\n");
-    // Powering off does not return; where it fails, the kernel says so as its first process ends.
+}
+
+/// Powering off does not return; where it fails, the kernel says so as its first process ends.
+fn power_off() -> i32 {
     let Err(error) = reboot(RebootMode::RB_POWER_OFF);
     println!("cannot power off: {error}");
-    std::process::exit(1);
+    1
+}
+
+fn attach(kind: &str, place: &Path, data: Option<&str>) -> Check {
+    mount(Some(kind), place, Some(kind), MsFlags::empty(), data)
+        .map_err(|error| Failure::new(format!("cannot mount {kind} on {}: {error}", place.display())))
+}
+
+/// The service's work: the scratch directory is to be written, all else of the computer's is not.
+fn serve(scratch: &Path) -> Check<i32> {
+    attach("hostfs", scratch, Some(text(scratch)?))?;
+    fs::create_dir_all(TEMPORARY).at("create", Path::new(TEMPORARY))?;
+    run(&Job::read(&scratch.join(JOB_FILE))?)
 }
 
 fn boot(scratch: &Path) -> Check<i32> {
     let none = None::<&str>;
-    let attach = |kind: &str, place: &Path, data: Option<&str>| -> Check {
-        mount(Some(kind), place, Some(kind), MsFlags::empty(), data)
-            .map_err(|error| Failure::new(format!("cannot mount {kind} on {}: {error}", place.display())))
-    };
     attach("hostfs", scratch, Some(text(scratch)?))?;
     attach("proc", Path::new("/proc"), none)?;
     attach("sysfs", Path::new("/sys"), none)?;
@@ -72,8 +100,12 @@ fn boot(scratch: &Path) -> Check<i32> {
     let path = job.environment.iter().find(|(name, _)| name == "PATH").map(|(_, value)| value.as_os_str());
     let mut modprobe = Command::new("modprobe");
     modprobe.arg("-d").arg(&modules).args(["-a", "can", "can-raw", "can-dev", "vcan"]);
-    process::run(modprobe.env("PATH", path.unwrap_or_default()), Duration::from_secs(30))?;
+    process::run(modprobe.env("PATH", path.unwrap_or_default()), STEP_LIMIT)?;
+    run(&job)
+}
 
+/// Runs the job, with the console for itself.
+fn run(job: &Job) -> Check<i32> {
     fs::write(REAL_TIME_SHARE, "-1\n").at("write", Path::new(REAL_TIME_SHARE))?;
     // From here on the console belongs to the job: only what kills the kernel may still be printed.
     fs::write(PRINTK, "1\n").at("write", Path::new(PRINTK))?;

@@ -3,7 +3,10 @@
 //! Where the kernel has vcan it is a fresh network namespace. Where it has not, it is user-mode Linux on this
 //! computer's own files: the root file system is mounted read-only, `/run`, `/dev/shm` and `TMPDIR` are in memory, and
 //! the scratch directory alone can be written. The clock is the computer's own.
+//!
+//! Another machine is a small Debian on which systemd has booted, for what is to be installed: see [`Machine::prepare_debian`].
 
+mod debian;
 mod init;
 mod namespace;
 mod uml;
@@ -32,9 +35,11 @@ pub struct Machine {
 enum Kind {
     Namespace(namespace::Namespace),
     Uml(uml::Uml),
+    Debian { uml: uml::Uml, image: PathBuf },
 }
 
 /// A program to run inside, with all the environment it gets beside `PATH`, `HOME`, `TMPDIR` and `LANG`.
+#[derive(Clone)]
 pub struct Job {
     program: PathBuf,
     arguments: Vec<OsString>,
@@ -99,6 +104,17 @@ impl Machine {
         Ok(Self { kind, description: format!("{what}; can-utils {tools}"), scratch })
     }
 
+    /// The machine with a booted systemd. Each [`Machine::run`] is a boot of it, and finds what was written in those before.
+    pub fn prepare_debian() -> Check<Self> {
+        let scratch = Scratch::new()?;
+        let uml = uml::Uml::prepare(&scratch).map_err(|failure| {
+            Failure::new(format!("systemd cannot be booted without user-mode Linux: {}", failure.words()))
+        })?;
+        let image = debian::image(&uml.modules())?;
+        let description = format!("Debian with systemd, user-mode Linux {}", uml.version());
+        Ok(Self { kind: Kind::Debian { uml, image }, description, scratch })
+    }
+
     /// What it runs on: kernel, kind, versions.
     pub fn description(&self) -> &str {
         &self.description
@@ -106,11 +122,11 @@ impl Machine {
 
     /// Runs a program inside to its end, its output going where this program's goes, and returns its exit status. When the status is not 0,
     /// what was left in the scratch directory stays there, and its path is said.
-    pub fn run(mut self, job: Job, limit: Duration) -> Check<i32> {
+    pub fn run(&mut self, job: Job, limit: Duration) -> Check<i32> {
         let path = std::env::join_paths(packages::search_path())?;
         let temporary = match self.kind {
             Kind::Namespace(_) => self.scratch.path().join("tmp"),
-            Kind::Uml(_) => PathBuf::from(init::TEMPORARY),
+            Kind::Uml(_) | Kind::Debian { .. } => PathBuf::from(init::TEMPORARY),
         };
         if matches!(self.kind, Kind::Namespace(_)) {
             fs::create_dir_all(&temporary).at("create", &temporary)?;
@@ -123,7 +139,12 @@ impl Machine {
             .env(SCRATCH_VARIABLE, self.scratch.path());
         let outcome = match &self.kind {
             Kind::Namespace(namespace) => namespace.run(&job, limit),
-            Kind::Uml(uml) => uml.run(&job, limit, self.scratch.path()),
+            Kind::Uml(uml) => uml.run(&job, limit, self.scratch.path(), &uml::Root::HostFiles),
+            Kind::Debian { uml, image } => {
+                let scratch = self.scratch.path();
+                debian::write_start(scratch)?;
+                uml.run(&job, limit, scratch, &uml::Root::Disk { image, written: &scratch.join("written") })
+            }
         };
         if !matches!(outcome, Ok(0)) {
             self.scratch.keep();

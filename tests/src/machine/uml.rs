@@ -22,6 +22,14 @@ const COMPILE_LIMIT: Duration = Duration::from_secs(60);
 const MODULES: &str = "/usr/lib/uml/modules";
 const SHIM: &str = include_str!("xstate.c");
 
+/// What the machine boots.
+pub(super) enum Root<'a> {
+    /// This computer's files, which it cannot write, with the tests' executable as its first process.
+    HostFiles,
+    /// A system of its own on a disk image, which is not written; what is written goes to the other file.
+    Disk { image: &'a Path, written: &'a Path },
+}
+
 pub(super) struct Uml {
     linux: PathBuf,
     version: String,
@@ -73,9 +81,15 @@ impl Uml {
         &self.version
     }
 
-    pub(super) fn run(&self, job: &Job, limit: Duration, scratch: &Path) -> Check<i32> {
+    /// The kernel's modules.
+    pub(super) fn modules(&self) -> PathBuf {
+        Path::new(MODULES).join(&self.version)
+    }
+
+    pub(super) fn run(&self, job: &Job, limit: Duration, scratch: &Path, root: &Root<'_>) -> Check<i32> {
         job.write(&scratch.join(init::JOB_FILE))?;
-        let mut running = Running::start(self.command(scratch)?)?;
+        let _ = fs::remove_file(scratch.join(init::STATUS_FILE));
+        let mut running = Running::start(self.command(scratch, root)?)?;
         let console = running.follow(limit);
         let console_path = scratch.join("console.log");
         fs::write(&console_path, console.boot.join("\n") + "\n").at("write", &console_path)?;
@@ -104,12 +118,7 @@ impl Uml {
         }
     }
 
-    fn command(&self, scratch: &Path) -> Check<Command> {
-        let init = std::env::current_exe()?;
-        // A quoted word of a kernel command line cannot hold a quote.
-        for path in [&init, scratch] {
-            ensure!(!text(path)?.contains('"'), "the path {} holds a quotation mark", path.display());
-        }
+    fn command(&self, scratch: &Path, root: &Root<'_>) -> Check<Command> {
         // setpriv: whatever ends this process ends the machine.
         let mut command = match packages::find("setpriv") {
             Some(setpriv) => {
@@ -120,10 +129,9 @@ impl Uml {
             None => Command::new(&self.linux),
         };
         command.arg(format!("mem={MEMORY_MIB}M"));
-        command.args(["root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro"]);
         command.args(["con=null", "ssl=null", "con0=null,fd:1", "panic=-1", "umid=machine"]);
-        command.arg(format!("init=\"{}\"", text(&init)?));
-        command.arg(format!("{}=\"{}\"", init::BOOT_VARIABLE, text(scratch)?));
+        command.args(root.arguments()?);
+        command.arg(format!("{}={}", init::BOOT_VARIABLE, quoted(scratch)?));
         // It keeps a directory of its own in HOME.
         command
             .env("HOME", scratch)
@@ -132,6 +140,39 @@ impl Uml {
             .process_group(0);
         Ok(command)
     }
+}
+
+impl Root<'_> {
+    /// The kernel's command line: where its root file system is, and what is the first process there.
+    fn arguments(&self) -> Check<Vec<String>> {
+        let words = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<String>>();
+        match self {
+            Self::HostFiles => {
+                let mut all = words(&["root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro"]);
+                all.push(format!("init={}", quoted(&std::env::current_exe()?)?));
+                Ok(all)
+            }
+            Self::Disk { image, written } => {
+                let (image, written) = (text(image)?, text(written)?);
+                ensure!(
+                    !(image.contains([',', ' ']) || written.contains([',', ' '])),
+                    "a disk of user-mode Linux cannot lie in {image}: set CARGO_TARGET_DIR to a path without commas and blanks"
+                );
+                let mut all = words(&["root=/dev/ubda", "rw", "init=/lib/systemd/systemd"]);
+                // The console is the tests' own.
+                all.extend(words(&["systemd.show_status=false", "systemd.log_target=journal"]));
+                all.push(format!("ubd0={written},{image}"));
+                Ok(all)
+            }
+        }
+    }
+}
+
+/// A path as a word of a kernel command line, in which there cannot be a quote.
+fn quoted(path: &Path) -> Check<String> {
+    let path = text(path)?;
+    ensure!(!path.contains('"'), "the path {path} holds a quotation mark");
+    Ok(format!("\"{path}\""))
 }
 
 /// A directory for the memory file: it needs room, and files that may be mapped as code.

@@ -10,14 +10,11 @@ mod service;
 mod tools;
 
 use std::process::ExitCode;
-use wrenchd_tests::suite;
+use wrenchd_tests::suite::{self, Stage};
 
 fn main() -> ExitCode {
-    suite::main(&[
-        bus::SCENARIOS,
-        daemon::SCENARIOS,
-        service::SCENARIOS,
-        clients::SCENARIOS,
-        tools::SCENARIOS,
-    ])
+    suite::main(
+        &Stage::CAN,
+        &[bus::SCENARIOS, daemon::SCENARIOS, service::SCENARIOS, clients::SCENARIOS, tools::SCENARIOS],
+    )
 }
