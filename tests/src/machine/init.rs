@@ -21,6 +21,8 @@ pub(super) const BOOT_VARIABLE: &str = "WRENCHD_TEST_BOOT";
 pub(super) const SERVICE_VARIABLE: &str = "WRENCHD_TEST_SERVICE";
 /// What this process says on the console when the job's own output begins.
 pub(super) const STARTED: &str = "== the machine is up ==";
+/// What is said when it ends: how a system goes down is no news.
+pub(super) const ENDED: &str = "== the machine goes down ==";
 /// Where the job stands in the scratch directory, and what it ended with.
 pub(super) const JOB_FILE: &str = "job";
 pub(super) const STATUS_FILE: &str = "status";
@@ -57,6 +59,7 @@ fn finish(scratch: &Path, outcome: Check<i32>) {
     if let Err(error) = fs::write(scratch.join(STATUS_FILE), &status) {
         println!("{status}, and writing this down failed: {error}");
     }
+    println!("{ENDED}");
     nix::unistd::sync();
     // Its farewell is no news.
     let _ = fs::write(PRINTK, "0\n");

@@ -241,9 +241,11 @@ impl Running {
     fn follow(&mut self, limit: Duration) -> Console {
         let mut boot = Vec::new();
         let mut deadline = Instant::now() + BOOT_LIMIT;
-        let mut up = false;
+        let (mut up, mut ended) = (false, false);
         loop {
             match self.console.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+                Ok(line) if line == init::ENDED => ended = true,
+                Ok(_) if ended => {}
                 Ok(line) if up => println!("{line}"),
                 Ok(line) if line == init::STARTED => {
                     up = true;

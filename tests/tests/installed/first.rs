@@ -38,7 +38,7 @@ fn install(_: &Guest) -> Check {
         "without a configuration it has failed"
     );
     run("getent group wrenchd")?;
-    run("useradd --groups wrenchd operator")?;
+    run("useradd --groups wrenchd member")?;
     run("useradd stranger")?;
     for name in ["vcan0", "vcan1"] {
         for kind in ["netdev", "network"] {

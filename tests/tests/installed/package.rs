@@ -29,7 +29,10 @@ fn described(_: &Guest) -> Check {
         .lines()
         .skip_while(|line| !line.starts_with("Commands:"))
         .skip(1)
-        .map_while(|line| line.strip_prefix("  ")?.split_ascii_whitespace().next())
+        .map_while(|line| line.strip_prefix("  "))
+        // What goes on in a second line is set in further.
+        .filter(|line| !line.starts_with([' ']))
+        .filter_map(|line| line.split_ascii_whitespace().next())
         .filter(|command| *command != "help")
         .collect();
     ensure!(commands.len() > 10, "wrenchctl --help names {commands:?}");
