@@ -1,4 +1,4 @@
-//! The Debian package, built as the README says.
+//! The Debian package, built by cargo-deb from the release programs.
 
 use crate::programs::{programs, workspace};
 use crate::scratch::target_dir;
@@ -33,17 +33,18 @@ fn build() -> Check<PathBuf> {
     let target = target_dir()?;
     let package = target.join("debian/wrenchd.deb");
     let mut command = Command::new(cargo_deb(&target)?);
+    // Compressed less than what is given to people.
     command.args([
         "deb",
         "-p",
         "wrenchd",
         "--strip",
+        "--fast",
         "--compress-system",
         "--no-build",
         "--locked",
-        "--output",
     ]);
-    command.arg(&package).current_dir(workspace()).env("CARGO_TARGET_DIR", &target);
+    command.arg("--output").arg(&package).current_dir(workspace()).env("CARGO_TARGET_DIR", &target);
     let said = process::run(&mut command, PACK_LIMIT)?.stderr();
     // A file that is named but not there, or two in one place, is a warning only.
     match said.lines().find(|line| line.starts_with("warning")) {

@@ -78,12 +78,12 @@ pub(crate) fn ensure_published(guest: &Guest) -> Check {
 fn published(guest: &Guest) -> Check {
     let mut playing = play(guest)?;
     let capture = guest.capture("vcan1")?;
-    std::thread::sleep(Duration::from_secs(4));
+    std::thread::sleep(Duration::from_secs(3));
     ensure!(playing.is_running()?, "the player ended: {}", playing.text());
     let forces = forces(&capture.stop_at_once()?.lines)?;
     let good: Vec<&Force> = forces.iter().filter(|force| force.status & SILENCE == 0).collect();
     ensure!(
-        good.len() > 200 && 10 * good.len() > 8 * forces.len(),
+        good.len() > 150 && 10 * good.len() > 8 * forces.len(),
         "{} of {} wrenches are good",
         good.len(),
         forces.len()
