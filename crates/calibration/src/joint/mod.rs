@@ -159,6 +159,7 @@ impl<'a> Problem<'a> {
                 &rows,
                 &lags,
                 &reference_temperatures(recordings, gauges.len()),
+                0.0,
             ),
             beside: gauges.iter().map(Gauge::beside_held_poses).collect(),
             rig,
@@ -304,14 +305,14 @@ impl<'a> Problem<'a> {
     fn take_lags(&mut self, recordings: &[Recording], fitted: &(System, Solution), selection: &Selection) {
         let found: Vec<f64> = self.lags(recordings, fitted, selection).iter().map(|lag| lag.lag_s).collect();
         let reference_c = reference_temperatures(recordings, self.noise.len());
-        self.effects = effects::all(recordings, &self.rows, &found, &reference_c);
+        self.effects = effects::all(recordings, &self.rows, &found, &reference_c, 0.0);
     }
 
     fn lags(&self, recordings: &[Recording], fitted: &(System, Solution), selection: &Selection) -> Vec<Lag> {
         let reference_c = reference_temperatures(recordings, self.noise.len());
-        let trial = |lag_s: f64| {
+        let trial = |lag_s: f64, ahead_s: f64| {
             let lags = vec![lag_s; self.noise.len()];
-            effects::all(recordings, &self.rows, &lags, &reference_c)
+            effects::all(recordings, &self.rows, &lags, &reference_c, ahead_s)
         };
         lags::search(&fitted.0, &fitted.1, selection, trial)
     }
