@@ -28,6 +28,7 @@ impl<const N: usize> Default for Triangle<N> {
 
 impl<const N: usize> Triangle<N> {
     /// Adds one row.
+    #[inline]
     pub fn add(&mut self, row: &[f64; N]) {
         for (column, value) in self.block.iter_mut().zip(row) {
             column[self.waiting] = *value;
@@ -96,6 +97,7 @@ impl<const N: usize> Triangle<N> {
     }
 }
 
+#[inline]
 fn dot(a: &[f64; BLOCK], b: &[f64; BLOCK]) -> f64 {
     let mut sums = [0.0; LANES];
     for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
