@@ -53,6 +53,16 @@ pub struct Report {
     pub arm: std::collections::BTreeMap<String, Correction>,
     /// What of these the recordings do not tell.
     pub arm_unobservable: Vec<Untold>,
+    /// How much later the gauges are than the joints beyond the configured delays, s; absent where no move tells.
+    pub gauges_late_s: Option<Lateness>,
+}
+
+/// A time with its standard deviation, s.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[allow(missing_docs)]
+pub struct Lateness {
+    pub value: f64,
+    pub sigma: f64,
 }
 
 /// One gauge in the report; `None` (null) is what the data do not determine.
@@ -108,7 +118,7 @@ pub fn calibrate(
 ) -> Result<Calibration, Error> {
     let dataset = Dataset::new(rig, recordings)?;
     let names: Vec<&str> = rig.config.sensors.iter().map(|s| s.name.as_str()).collect();
-    let mut gauges = gauges::calibrate(&dataset, &names)?;
+    let mut gauges = gauges::calibrate(rig, &dataset, recordings, &names)?;
     let joint = match axes {
         Axes::Full => joint::estimate(rig, &dataset, recordings, &gauges),
         Axes::Five | Axes::Nominal => None,
@@ -142,6 +152,7 @@ pub fn calibrate(
         sensors: sensors.iter().map(SensorReport::new).collect(),
         arm: joint.iter().flat_map(Joint::corrections).collect(),
         arm_unobservable: joint.iter().flat_map(Joint::untold).collect(),
+        gauges_late_s: lateness(&gauges),
     };
     let model = ModelFile {
         format: 1,
@@ -164,8 +175,36 @@ pub fn calibrate(
     };
     let mut warnings = warnings(&dataset, &gauges, &names, recordings);
     warnings.extend(joint.iter().flat_map(|joint| joint.summary(&names)));
+    warnings.extend(report.gauges_late_s.and_then(late));
     let left_counts = joint.map(|joint| joint.left_counts(dataset.windows.len()));
     Ok(Calibration { model, report, warnings, left_counts })
+}
+
+/// How much later all gauges are than the joints. Where they differ by more than they say, the sigma holds that.
+fn lateness(gauges: &[Gauge]) -> Option<Lateness> {
+    let told: Vec<(f64, f64)> = gauges.iter().filter_map(|gauge| gauge.late_s).collect();
+    let weight: f64 = told.iter().map(|(_, sigma)| sigma.powi(-2)).sum();
+    let value = told.iter().map(|(late, sigma)| late * sigma.powi(-2)).sum::<f64>() / weight;
+    let spread: f64 = told.iter().map(|(late, sigma)| ((late - value) / sigma).powi(2)).sum();
+    let excess = (spread / (told.len().max(2) - 1) as f64).max(1.0);
+    (!told.is_empty()).then(|| Lateness { value, sigma: (excess / weight).sqrt() })
+}
+
+/// What to do about gauges that are not in time with the joints.
+fn late(late_s: Lateness) -> Option<String> {
+    /// Less than this moves no wrench of a usual motion by more than its noise.
+    const SMALL_S: f64 = 1e-3;
+    let Lateness { value, sigma } = late_s;
+    let whose = if value > 0.0 { "[[sensor]]" } else { "[[joint]]" };
+    let told = value.abs() > 4.0 * sigma && value.abs() > SMALL_S;
+    told.then(|| {
+        format!(
+            "the gauges are {:.1} ms (sigma {:.1}) {} than the joints while the arm moves: add that to delay_s of every {whose} in the config and calibrate again",
+            1e3 * value.abs(),
+            1e3 * sigma,
+            if value > 0.0 { "later" } else { "earlier" },
+        )
+    })
 }
 
 fn sensor(name: &str, section: &str, index: usize, gauge: &Gauge, remedies: &Remedies) -> Sensor {

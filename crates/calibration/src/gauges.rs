@@ -2,11 +2,14 @@
 
 use model::sensing::{CHARACTERISTIC_LENGTH_M, Compliance};
 use nalgebra::{Matrix6, SMatrix, Vector6};
+use rig::Rig;
 
 use crate::dataset::{Dataset, Window};
 use crate::error::Error;
+use crate::moving::{self, Known};
 use crate::noise::NoiseModel;
 use crate::observability::Directions;
+use crate::recording::Recording;
 use crate::solve::{self, Estimate, Information, unscaled};
 
 /// Covariance of compliance (counts/N, counts/Nm) and bias (counts) of one gauge.
@@ -45,6 +48,8 @@ pub struct Gauge {
     pub readings: u64,
     /// Readings left out as outliers.
     pub outliers: u64,
+    /// How much later it is than the joints, and the standard deviation, s; `None` where no move tells.
+    pub late_s: Option<(f64, f64)>,
 }
 
 impl Gauge {
@@ -53,10 +58,22 @@ impl Gauge {
         Estimate { scaled: self.directions.seen_compliance(), biases: self.biases.clone() }
     }
 
-    /// Prior information (scaled) on the directions that the data never saw.
-    pub fn unseen_information(&self) -> Matrix6<f64> {
-        let widths = &self.assumed_counts_per_n;
-        self.directions.unseen().zip(widths).map(|(d, width)| d * d.transpose() / width.powi(2)).sum()
+    /// Information (scaled) on the directions that held poses do not show, and what it says of the compliance: assumed widths about zero, and
+    /// what motion told.
+    pub fn beside_held_poses(&self) -> (Matrix6<f64>, Vector6<f64>) {
+        let widths = self.assumed_counts_per_n.iter();
+        let assumed = self.directions.unseen().zip(widths).map(|(d, width)| (d, 0.0, *width));
+        let of = |k: usize| {
+            let (value, sigma) = (self.directions.value[k], self.directions.sigma_counts_per_n[k]);
+            (self.directions.basis.column(k).into_owned(), value, sigma)
+        };
+        let told = (0..6).filter(|k| self.directions.by_motion[*k]).map(of);
+        let (mut information, mut says) = (Matrix6::zeros(), Vector6::zeros());
+        for (direction, value, sigma) in assumed.chain(told) {
+            information += direction * direction.transpose() / sigma.powi(2);
+            says += direction * value;
+        }
+        (information, says)
     }
 
     /// What of a covariance concerns directions that were seen.
@@ -83,25 +100,47 @@ struct Pass {
     noise: NoiseModel,
 }
 
-/// Calibrates every gauge; `names` are for messages.
-pub fn calibrate(dataset: &Dataset, names: &[&str]) -> Result<Vec<Gauge>, Error> {
+/// Calibrates every gauge from the held poses of `recordings` and the moves between them; `names` are for messages.
+pub fn calibrate(
+    rig: &Rig,
+    dataset: &Dataset,
+    recordings: &[Recording],
+    names: &[&str],
+) -> Result<Vec<Gauge>, Error> {
     let passes = in_parallel(names.len(), |gauge| pass(dataset, gauge, names[gauge]))
         .into_iter()
         .collect::<Result<Vec<Pass>, Error>>()?;
     let rough: Vec<f64> = passes.iter().map(|p| p.information.smallest(1e-6).scaled.norm()).collect();
     let typical = median(&rough);
-    let directions: Vec<Directions> = passes
+    let mut directions: Vec<Directions> = passes
         .iter()
         .zip(&rough)
         .map(|(pass, own)| Directions::new(&pass.information, own.max(typical)))
         .collect();
+    let known: Vec<Known> = passes
+        .iter()
+        .zip(&rough)
+        .zip(&directions)
+        .map(|((pass, own), directions)| Known {
+            seen: directions.seen_compliance(),
+            open: directions.unseen().collect(),
+            typical_counts_per_n: own.max(typical),
+            noise_counts: pass.noise.sigma_counts(),
+        })
+        .collect();
+    let told = moving::hear(rig, dataset, recordings, &known);
+    for ((directions, told), known) in directions.iter_mut().zip(&told).zip(&known) {
+        directions.take_motion(&told.directions, known.typical_counts_per_n);
+    }
     let widths = Widths::new(&directions);
-    Ok(passes
+    let mut gauges: Vec<Gauge> = passes
         .into_iter()
         .zip(directions)
         .enumerate()
         .map(|(gauge, (pass, directions))| finish(dataset, gauge, pass, directions, &widths))
-        .collect())
+        .collect();
+    gauges.iter_mut().zip(told).for_each(|(gauge, told)| gauge.late_s = told.late_s);
+    Ok(gauges)
 }
 
 /// Ordinary least squares, noise from its residuals, then twice generalised least squares.
@@ -198,6 +237,7 @@ fn finish(dataset: &Dataset, gauge: usize, pass: Pass, directions: Directions, w
         nominal: pass.nominal,
         readings: pass.information.readings,
         outliers: pass.information.outliers,
+        late_s: None,
         directions,
     }
 }

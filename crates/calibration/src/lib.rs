@@ -2,7 +2,7 @@
 //!
 //! [`recording`] reads a run by the same ingestion as the daemon, [`dataset`] finds the stretches in which the arm holds still
 //! and what loads each section there, [`solve`] and [`noise`] estimate one gauge, [`observability`] says what the data
-//! could not show and [`plan`] what to record next, [`gauges`] brings all gauges together, [`joint`] estimates the arm with them and [`calibrate`]
+//! could not show (what motion between held poses shows of it: `moving`) and [`plan`] what to record next, [`gauges`] brings all gauges together, [`joint`] estimates the arm with them and [`calibrate`]
 //! makes the stored model of it. [`validate`] scores a recording against its truth.
 
 mod calibrate;
@@ -10,6 +10,7 @@ pub mod dataset;
 mod error;
 pub mod gauges;
 pub mod joint;
+mod moving;
 pub mod noise;
 pub mod observability;
 pub mod plan;

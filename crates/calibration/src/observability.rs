@@ -19,6 +19,8 @@ pub struct Directions {
     pub sigma_counts_per_n: Vector6<f64>,
     /// Whether each counts as seen.
     pub seen: [bool; 6],
+    /// Whether it was motion that showed it, not the held poses.
+    pub by_motion: [bool; 6],
     /// Estimate along each, counts/N.
     pub value: Vector6<f64>,
 }
@@ -37,9 +39,27 @@ impl Directions {
             if known(s) { coordinates[k] / s } else { 0.0 }
         });
         let seen = std::array::from_fn(|k| sigma[k] <= SEEN_TO * typical_counts_per_n);
-        let mut out = Self { basis: v_t.transpose(), sigma_counts_per_n: sigma, seen, value };
+        let by_motion = [false; 6];
+        let mut out = Self { basis: v_t.transpose(), sigma_counts_per_n: sigma, seen, by_motion, value };
         out.sort_unseen();
         out
+    }
+
+    /// Takes in what motion told of the unseen directions: as many directions of their subspace, with values and standard deviations, counts/N.
+    pub fn take_motion(&mut self, told: &[(Vector6<f64>, f64, f64)], typical_counts_per_n: f64) {
+        let unseen: Vec<usize> = (0..6).filter(|k| !self.seen[*k]).collect();
+        if unseen.len() != told.len() {
+            return;
+        }
+        for (k, (direction, value, sigma)) in unseen.into_iter().zip(told) {
+            self.basis.set_column(k, direction);
+            self.seen[k] = *sigma <= SEEN_TO * typical_counts_per_n;
+            self.by_motion[k] = self.seen[k];
+            if self.seen[k] {
+                (self.value[k], self.sigma_counts_per_n[k]) = (*value, *sigma);
+            }
+        }
+        self.sort_unseen();
     }
 
     /// Within the unseen subspace any basis is as good: choose the one nearest to the axes, for words.

@@ -6,33 +6,32 @@
 /// the rows' outer products, but is never formed, so no digits are lost by squaring.
 #[derive(Clone, Debug)]
 pub struct Triangle<const N: usize> {
-    /// Column by column: the triangle on top, waiting rows below.
-    columns: [[f64; STACK]; N],
+    /// Column by column.
+    top: [[f64; N]; N],
+    /// Waiting rows, column by column.
+    block: [[f64; BLOCK]; N],
     waiting: usize,
     rows: u64,
 }
 
-/// Rows folded in at once.
-const BLOCK: usize = 48;
+/// Rows folded in at once: so many that the triangle's own row costs little, so few that all columns stay in the nearest cache.
+const BLOCK: usize = 32;
 
-/// Most columns a triangle can have.
-const WIDEST: usize = 16;
-
-/// A column's room: the triangle's part and the block's.
-const STACK: usize = WIDEST + BLOCK;
+/// Sums that run beside each other, for a processor that adds several numbers at once.
+const LANES: usize = 8;
 
 impl<const N: usize> Default for Triangle<N> {
     fn default() -> Self {
-        const { assert!(N <= WIDEST) }
-        Self { columns: [[0.0; STACK]; N], waiting: 0, rows: 0 }
+        Self { top: [[0.0; N]; N], block: [[0.0; BLOCK]; N], waiting: 0, rows: 0 }
     }
 }
 
 impl<const N: usize> Triangle<N> {
     /// Adds one row.
+    #[inline]
     pub fn add(&mut self, row: &[f64; N]) {
-        for (column, value) in self.columns.iter_mut().zip(row) {
-            column[N + self.waiting] = *value;
+        for (column, value) in self.block.iter_mut().zip(row) {
+            column[self.waiting] = *value;
         }
         self.waiting += 1;
         self.rows += 1;
@@ -61,7 +60,7 @@ impl<const N: usize> Triangle<N> {
         let mut out = [[0.0; N]; N];
         for k in 0..N {
             for j in k..N {
-                out[k][j] = self.columns[j][k];
+                out[k][j] = self.top[j][k];
             }
         }
         out
@@ -70,33 +69,43 @@ impl<const N: usize> Triangle<N> {
     /// Householder reflections take the waiting rows into the triangle. Row k of the triangle and the block are
     /// all that column k's reflection touches.
     fn fold(&mut self) {
-        let block = N..N + self.waiting;
+        // Rows of zeros change nothing, and loops of a fixed length are the quickest.
+        for column in &mut self.block {
+            column[self.waiting..].fill(0.0);
+        }
         for k in 0..N {
-            let (left, right) = self.columns.split_at_mut(k + 1);
-            let pivot = &mut left[k];
-            let below: f64 = pivot[block.clone()].iter().map(|v| v * v).sum();
+            let (left, right) = self.block.split_at_mut(k + 1);
+            let pivot = &left[k];
+            let below = dot(pivot, pivot);
             if below == 0.0 {
                 continue;
             }
-            let head = pivot[k];
+            let head = self.top[k][k];
             let norm = -(head * head + below).sqrt().copysign(head);
             let lead = head - norm;
             let scale = 1.0 / (norm * lead);
-            pivot[k] = norm;
-            for column in right {
-                let mut dot = lead * column[k];
-                for (v, c) in pivot[block.clone()].iter().zip(&column[block.clone()]) {
-                    dot += v * c;
-                }
-                let factor = dot * scale;
-                column[k] += factor * lead;
-                for (v, c) in pivot[block.clone()].iter().zip(&mut column[block.clone()]) {
-                    *c += factor * v;
+            self.top[k][k] = norm;
+            for (column, top) in right.iter_mut().zip(&mut self.top[k + 1..]) {
+                let factor = (lead * top[k] + dot(pivot, column)) * scale;
+                top[k] += factor * lead;
+                for (value, pivot) in column.iter_mut().zip(pivot) {
+                    *value += factor * pivot;
                 }
             }
         }
         self.waiting = 0;
     }
+}
+
+#[inline]
+fn dot(a: &[f64; BLOCK], b: &[f64; BLOCK]) -> f64 {
+    let mut sums = [0.0; LANES];
+    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *sum += a * b;
+        }
+    }
+    sums.iter().sum()
 }
 
 #[cfg(test)]

@@ -92,13 +92,14 @@ pub struct Values {
     pub start_sigma: Regressors,
 }
 
-/// Runs a gauge's conditioner over all recordings.
+/// Runs a gauge's conditioner over all recordings, on temperatures that were lagged by `ahead_s` before (0: as recorded).
 pub fn values(
     recordings: &[Recording],
     rows: &[Row],
     gauge: usize,
     (centre_counts, scale_counts): (f64, f64),
     effects: &[Effect; MOST_TERMS],
+    ahead_s: f64,
 ) -> Values {
     let term = |effect: &Effect| Term { effect: *effect, coefficient_counts: 0.0, start_sigma: 0.0 };
     let terms = GaugeTerms { centre_counts, scale_counts, terms: effects.iter().map(term).collect() };
@@ -109,8 +110,10 @@ pub fn values(
         let mut conditioner = Conditioner::new(&terms);
         let mine: Vec<usize> = (0..rows.len()).filter(|k| rows[*k].recording == index).collect();
         let mut next = mine.iter().copied().peekable();
+        let mut ahead = Ahead { lag_s: ahead_s, last: None };
         for k in 0..recording.len() {
-            let temperature = recording.temperatures_c[gauge][k];
+            let temperature =
+                recording.temperatures_c[gauge][k].map(|t_c| ahead.follow(recording.at_ns[k], t_c));
             conditioner.push(recording.at_ns[k], recording.counts[gauge][k], temperature);
             let regressors = conditioner.regressors();
             n += 1.0;
@@ -137,6 +140,27 @@ pub fn values(
     Values { rows: out, start_sigma: squares.map(|s| REST_SHARE * f64::sqrt(s / f64::max(n, 1.0))) }
 }
 
+/// A lag between a thermometer and where the gauge's own lag begins.
+struct Ahead {
+    lag_s: f64,
+    /// Instant (ns) and temperature behind the lag, degC.
+    last: Option<(i64, f64)>,
+}
+
+impl Ahead {
+    fn follow(&mut self, at_ns: i64, temperature_c: f64) -> f64 {
+        let behind_c = match self.last {
+            Some((last_ns, last_c)) if self.lag_s > 0.0 => {
+                let share = -((last_ns - at_ns) as f64 * 1e-9 / self.lag_s).exp_m1();
+                last_c + share * (temperature_c - last_c)
+            }
+            _ => temperature_c,
+        };
+        self.last = Some((at_ns, behind_c));
+        behind_c
+    }
+}
+
 /// Middle and half-width of a gauge's still readings, counts.
 pub fn scale(rows: &[Row], gauge: usize) -> (f64, f64) {
     let counts: Vec<f64> = rows.iter().filter_map(|row| Some(row.readings[gauge]?.counts)).collect();
@@ -145,16 +169,17 @@ pub fn scale(rows: &[Row], gauge: usize) -> (f64, f64) {
     (crate::gauges::median(&counts), (0.5 * (high - low)).max(1.0))
 }
 
-/// The candidates of all gauges with their values; each gauge has its own lag (s).
+/// The candidates of all gauges with their values; each gauge has its own lag (s), behind one of `ahead_s` that all have.
 pub fn all(
     recordings: &[Recording],
     rows: &[Row],
     lags_s: &[f64],
     reference_c: &[f64],
+    ahead_s: f64,
 ) -> Vec<([Effect; MOST_TERMS], Values, (f64, f64))> {
     in_parallel(lags_s.len(), |gauge| {
         let effects = candidates(lags_s[gauge], reference_c[gauge]);
         let scale = scale(rows, gauge);
-        (effects, values(recordings, rows, gauge, scale, &effects), scale)
+        (effects, values(recordings, rows, gauge, scale, &effects, ahead_s), scale)
     })
 }

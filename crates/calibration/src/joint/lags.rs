@@ -2,7 +2,8 @@
 //!
 //! The rows' weighted squares are taken at lags over two decades, everything linear of the gauge fitted anew at each and the arm held;
 //! a parabola through the lowest ones gives the lag and how sure it is. What the gauge's other numbers change with it (a
-//! drift with temperature most of all) is part of their uncertainty.
+//! drift with temperature most of all) is part of their uncertainty; so is what they change if heat comes to the gauge in two stages, and what
+//! stretches of the recording contradict each other about the drift.
 
 use model::terms::{Effect, MOST_TERMS};
 
@@ -13,6 +14,12 @@ use crate::gauges::in_parallel;
 /// How far the lags of one arm's gauges are from each other, as a logarithm.
 const LAG_SPREAD: f64 = 0.2;
 
+/// Of two stages that heat may come in, the first one's share of the whole lag.
+const STAGED_SHARE: f64 = 0.25;
+
+/// Stretches of the recordings that may contradict each other about a drift: of some minutes each, longer than creep lasts.
+const STRETCHES: usize = 12;
+
 /// The lag of one gauge.
 #[derive(Clone, Debug)]
 pub struct Lag {
@@ -20,6 +27,8 @@ pub struct Lag {
     pub lag_s: f64,
     /// Change of the gauge's own numbers with one standard deviation of the lag.
     pub own: Vec<f64>,
+    /// The same of what else is in doubt about its drift; what comes of that shows in the rows' misfit.
+    pub doubts: Vec<Vec<f64>>,
 }
 
 /// Weighted squares that are left with one lag, and the gauge's own numbers there.
@@ -38,26 +47,27 @@ struct Lowest {
     curvature: Option<f64>,
 }
 
-/// Finds each gauge's lag; `effects` gives all gauges' regressors for one lag (s).
+/// Finds each gauge's lag; `effects` gives all gauges' regressors for one lag and one ahead of it (s).
 pub fn search(
     system: &System,
     solution: &Solution,
     selection: &Selection,
-    effects: impl Fn(f64) -> Vec<([Effect; MOST_TERMS], Values, (f64, f64))>,
+    effects: impl Fn(f64, f64) -> Vec<([Effect; MOST_TERMS], Values, (f64, f64))>,
 ) -> Vec<Lag> {
     let gauges = system.gauges.len();
     // `[lag][gauge]`
-    let trials: Vec<Vec<Trial>> = LAGS_S
-        .iter()
-        .map(|lag_s| {
-            let tried = effects(*lag_s);
-            in_parallel(gauges, |gauge| trial(system, solution, selection, gauge, &tried[gauge].1))
-        })
-        .collect();
+    let try_all = |lag_s: f64, ahead_s: f64| {
+        let tried = effects(lag_s, ahead_s);
+        in_parallel(gauges, |gauge| trial(system, solution, selection, gauge, &tried[gauge].1))
+    };
+    let trials: Vec<Vec<Trial>> = LAGS_S.iter().map(|lag_s| try_all(*lag_s, 0.0)).collect();
     // Gauges of one arm are built alike: one lag for all, from which each departs as far as its own rows insist.
     let together: Vec<f64> =
         trials.iter().map(|of_lag| of_lag.iter().map(|trial| trial.cost).sum()).collect();
     let common = lowest(&LAGS_S, &together).place;
+    // The same delay in all, in one stage and in two.
+    let (whole, staged) =
+        (try_all(common, 0.0), try_all((1.0 - STAGED_SHARE) * common, STAGED_SHARE * common));
     let of_gauge = |gauge: usize| {
         let apart = |lag_s: &f64| ((lag_s / common).ln() / LAG_SPREAD).powi(2);
         let cost: Vec<f64> =
@@ -67,10 +77,44 @@ pub fn search(
         let sigma_ln = found.curvature.map_or(LAG_SPREAD, |curvature| curvature.sqrt().recip());
         let (from, to) = (found.index.saturating_sub(1), (found.index + 1).min(LAGS_S.len() - 1));
         let share = sigma_ln.min(LAG_SPREAD) / (LAGS_S[to] / LAGS_S[from]).ln();
-        let change = trials[to][gauge].own.iter().zip(&trials[from][gauge].own);
-        Lag { lag_s: found.place, own: change.map(|(to, from)| (to - from) * share).collect() }
+        let by_lag = change(&trials[to][gauge], &trials[from][gauge], share);
+        let by_stages = change(&staged[gauge], &whole[gauge], 1.0);
+        let by_stretches = by_stretches(system, solution, gauge);
+        let doubts = [by_stages].into_iter().chain(by_stretches).collect();
+        Lag { lag_s: found.place, own: by_lag, doubts }
     };
     (0..gauges).map(of_gauge).collect()
+}
+
+/// By how much a gauge's own numbers differ between two trials, times a share.
+fn change(to: &Trial, from: &Trial, share: f64) -> Vec<f64> {
+    to.own.iter().zip(&from.own).map(|(to, from)| (to - from) * share).collect()
+}
+
+/// What stretches of the recordings contradict each other about a gauge's drift, beyond what its variance says: rows that are off together for
+/// minutes (creep of another form, hysteresis) say less than as many independent ones. The variance of the stretches' influences (P. Huber,
+/// The behavior of maximum likelihood estimates under nonstandard conditions, 1967, stretches as clusters).
+fn by_stretches(system: &System, solution: &Solution, gauge: usize) -> Option<Vec<f64>> {
+    let (rows, n) = (&system.gauges[gauge], system.columns());
+    let (free, covariance, _) = &solution.conditional[gauge];
+    let drift = free.iter().position(|own| *own == system.own - MOST_TERMS)?;
+    let residuals = system.residuals(gauge, solution);
+    let influence = |k: usize| {
+        let row = &rows.a[k * n..(k + 1) * n];
+        let along: f64 = free.iter().enumerate().map(|(i, own)| covariance[(drift, i)] * row[*own]).sum();
+        along * residuals[k] * rows.trust[k] / rows.total_variance(k)
+    };
+    let stretch = residuals.len().div_ceil(STRETCHES).max(1);
+    let influences: Vec<f64> = (0..residuals.len()).map(influence).collect();
+    let squares: f64 = influences.chunks(stretch).map(|of| of.iter().sum::<f64>().powi(2)).sum();
+    let variance = squares * STRETCHES as f64 / (STRETCHES - 1) as f64;
+    let own_variance = covariance[(drift, drift)];
+    (variance > own_variance).then(|| {
+        let size = (variance - own_variance).sqrt() / own_variance;
+        let mut own = vec![0.0; system.own];
+        free.iter().enumerate().for_each(|(i, index)| own[*index] = covariance[(drift, i)] * size);
+        own
+    })
 }
 
 /// A gauge's rows fitted anew with these regressors, the arm's numbers held.

@@ -58,8 +58,8 @@ struct Problem<'a> {
     parameters: Parameters,
     noise: Vec<NoiseModel>,
     effects: Vec<([Effect; MOST_TERMS], Values, (f64, f64))>,
-    /// Prior information of each gauge's scaled compliance: of the directions that the data never saw.
-    unseen: Vec<Matrix6<f64>>,
+    /// Information on each gauge's scaled compliance beside the held poses, and what it says.
+    beside: Vec<(Matrix6<f64>, Vector6<f64>)>,
     /// Which encoder number of the list belongs to each coordinate.
     zeros: Vec<Option<usize>>,
 }
@@ -159,8 +159,9 @@ impl<'a> Problem<'a> {
                 &rows,
                 &lags,
                 &reference_temperatures(recordings, gauges.len()),
+                0.0,
             ),
-            unseen: gauges.iter().map(Gauge::unseen_information).collect(),
+            beside: gauges.iter().map(Gauge::beside_held_poses).collect(),
             rig,
             dataset,
             rows,
@@ -248,11 +249,13 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Prior information of a gauge's own numbers.
+    /// Prior information of a gauge's own numbers; as last column that times what it says of them.
     fn prior(&self, gauge: usize, own: usize, sessions: usize) -> DMatrix<f64> {
         let (effects, _, (_, scale_counts)) = &self.effects[gauge];
-        let mut prior = DMatrix::zeros(own, own);
-        prior.view_mut((0, 0), (COMPLIANCE, COMPLIANCE)).copy_from(&self.unseen[gauge]);
+        let mut prior = DMatrix::zeros(own, own + 1);
+        let (information, says) = &self.beside[gauge];
+        prior.view_mut((0, 0), (COMPLIANCE, COMPLIANCE)).copy_from(information);
+        prior.view_mut((0, own), (COMPLIANCE, 1)).copy_from(&(information * says));
         for session in 0..sessions {
             // As good as none, but a session without readings of this gauge must not make the equations singular.
             prior[(COMPLIANCE + session, COMPLIANCE + session)] = (1e3 * scale_counts).powi(-2);
@@ -302,14 +305,14 @@ impl<'a> Problem<'a> {
     fn take_lags(&mut self, recordings: &[Recording], fitted: &(System, Solution), selection: &Selection) {
         let found: Vec<f64> = self.lags(recordings, fitted, selection).iter().map(|lag| lag.lag_s).collect();
         let reference_c = reference_temperatures(recordings, self.noise.len());
-        self.effects = effects::all(recordings, &self.rows, &found, &reference_c);
+        self.effects = effects::all(recordings, &self.rows, &found, &reference_c, 0.0);
     }
 
     fn lags(&self, recordings: &[Recording], fitted: &(System, Solution), selection: &Selection) -> Vec<Lag> {
         let reference_c = reference_temperatures(recordings, self.noise.len());
-        let trial = |lag_s: f64| {
+        let trial = |lag_s: f64, ahead_s: f64| {
             let lags = vec![lag_s; self.noise.len()];
-            effects::all(recordings, &self.rows, &lags, &reference_c)
+            effects::all(recordings, &self.rows, &lags, &reference_c, ahead_s)
         };
         lags::search(&fitted.0, &fitted.1, selection, trial)
     }

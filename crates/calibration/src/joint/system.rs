@@ -22,7 +22,7 @@ pub struct GaugeRows {
     pub index: Vec<usize>,
     /// Weight against outliers, 0 to 1.
     pub trust: Vec<f64>,
-    /// Prior information of the own numbers.
+    /// Prior information of the own numbers; as last column that times what it says of them.
     pub prior: DMatrix<f64>,
     /// Variance of what does not fit, counts^2.
     pub misfit: f64,
@@ -119,7 +119,7 @@ impl System {
             });
             let inverse = inverse(&a)?;
             let b = DMatrix::from_fn(own.len(), m, |i, k| normal[(own[i], shared[k])]);
-            let z = DVector::from_fn(own.len(), |i, _| normal[(own[i], n)]);
+            let z = DVector::from_fn(own.len(), |i, _| normal[(own[i], n)] + prior[(own[i], self.own)]);
             let response = -(&inverse * &b);
             system += DMatrix::from_fn(m, m, |i, k| normal[(shared[i], shared[k])]) + b.tr_mul(&response);
             target += DVector::from_fn(m, |i, _| normal[(shared[i], n)]) + response.tr_mul(&z);
