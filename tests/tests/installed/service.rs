@@ -107,7 +107,8 @@ fn killed(guest: &Guest) -> Check {
     run("systemctl kill --kill-who=main --signal=KILL wrenchd")?;
     wait_for_another(old)?;
     let now = property("NRestarts")?.parse::<u32>()?;
-    ensure!(now == restarts + 1, "systemd counts {now} restarts after {restarts}");
+    // More than one where the machine stands still for so long that the watchdog bites, too.
+    ensure!(now > restarts, "systemd counts {now} restarts after {restarts}");
     drop(playing);
     ensure_published(guest)
 }
