@@ -26,6 +26,9 @@ use crate::triangle::Triangle;
 /// Held poses further apart than this in time do not tell the zero between them, s.
 const APART_S: f64 = 20.0;
 
+/// A pause in the recording longer than this is a gap, ns.
+const GAP_NS: i64 = 200_000_000;
+
 /// Instants of the held poses beside a move that its smoothing takes in.
 const BESIDE: usize = 60;
 
@@ -101,8 +104,8 @@ pub(crate) fn hear(rig: &Rig, dataset: &Dataset, recordings: &[Recording], known
         let heard = in_parallel(moves.len(), |k| hear_move(rig, dataset, &moves[k], known, &now));
         for (gauge, told) in told.iter_mut().enumerate() {
             let mut sum = Triangle::<WIDTH>::default();
-            heard.iter().flatten().for_each(|gauges| sum.merge(&gauges[gauge].0));
-            let weight = heard.iter().flatten().map(|gauges| gauges[gauge].1).sum();
+            heard.iter().for_each(|gauges| sum.merge(&gauges[gauge].triangle));
+            let weight = heard.iter().map(|gauges| gauges[gauge].weight).sum();
             *told = solve(&known[gauge], &sum.finish(), weight);
         }
     }
@@ -119,12 +122,19 @@ fn moves<'a>(dataset: &'a Dataset, recordings: &'a [Recording]) -> Vec<Move<'a>>
         let usable = same
             && !instants.is_empty()
             && recording.time_s(instants.end) - recording.time_s(instants.start) < APART_S
+            && is_whole(recording, &instants)
             && instants.clone().all(|k| is_free(recording, before, k));
         usable.then_some(Move { recording, before, after, instants })
     };
     let all: Vec<Move> = dataset.windows.windows(2).filter_map(between).collect();
     let every = all.len().div_ceil(MOST_MOVES).max(1);
     all.into_iter().step_by(every).collect()
+}
+
+/// Whether the recording goes on without a gap over a move: what the joints did in one is not known.
+fn is_whole(recording: &Recording, instants: &Range<usize>) -> bool {
+    let around = &recording.sampled[instants.start - 1..=instants.end];
+    around.windows(2).all(|pair| pair[1].at_ns - pair[0].at_ns <= GAP_NS)
 }
 
 /// Whether nothing but the body of the held pose acts at an instant.
@@ -135,14 +145,33 @@ fn is_free(recording: &Recording, held: &Window, instant: usize) -> bool {
         && recording.reference.as_ref().is_none_or(|reference| reference.at(t_s).is_none())
 }
 
-/// Rows of one move for every gauge, and how many independent ones they are worth.
-fn hear_move(
-    rig: &Rig,
-    dataset: &Dataset,
-    this: &Move,
-    known: &[Known],
-    now: &[Vector6<f64>],
-) -> Option<Vec<(Triangle<WIDTH>, f64)>> {
+/// What a gauge feels along a move.
+struct Felt {
+    /// Section load (scaled), N.
+    load: Vector6<f64>,
+    /// Variance of what uncertain accelerations make of it, counts^2.
+    motion_counts2: f64,
+}
+
+/// A gauge's rows of one or more moves, and how many independent ones they are worth.
+#[derive(Clone, Debug, Default)]
+struct Rows {
+    triangle: Triangle<WIDTH>,
+    weight: f64,
+}
+
+/// Rows of one move for every gauge.
+fn hear_move(rig: &Rig, dataset: &Dataset, this: &Move, known: &[Known], now: &[Vector6<f64>]) -> Vec<Rows> {
+    let felt = along(rig, dataset, this, now);
+    let rows = |gauge: usize| match Line::new(this, gauge) {
+        Some(line) => rows(this, gauge, &line, &felt, &known[gauge], &now[gauge]),
+        None => Rows::default(),
+    };
+    (0..known.len()).map(rows).collect()
+}
+
+/// Section loads along a move, `[instant][gauge]`, with the sensitivities as they are known now.
+fn along(rig: &Rig, dataset: &Dataset, this: &Move, now: &[Vector6<f64>]) -> Vec<Vec<Felt>> {
     let (recording, instants) = (this.recording, &this.instants);
     let from = instants.start.saturating_sub(BESIDE.min(this.before.times_s.len()));
     let to = instants.end + BESIDE.min(this.after.times_s.len());
@@ -155,16 +184,15 @@ fn hear_move(
         .collect();
     let mut dynamics = Dynamics::new(&rig.chain, &rig.sections);
     dynamics.set_payload(&this.before.body);
-    let mut loads = Vec::with_capacity(instants.len());
-    let mut motion_counts2 = Vec::with_capacity(instants.len());
+    let mut felt = Vec::with_capacity(instants.len());
     for (row, k) in instants.clone().enumerate() {
-        let part = |f: fn(&JointMotion) -> f64| joints.iter().map(|j| f(&j[k - from])).collect::<Vec<f64>>();
+        let all = |f: fn(&JointMotion) -> f64| joints.iter().map(|j| f(&j[k - from])).collect::<Vec<f64>>();
         dynamics.update(
-            &part(|m| m.position_rad),
-            &part(|m| m.velocity_rad_s),
-            &part(|m| m.acceleration_rad_s2),
+            &all(|m| m.position_rad),
+            &all(|m| m.velocity_rad_s),
+            &all(|m| m.acceleration_rad_s2),
         );
-        loads.push((0..known.len()).map(|g| scaled(&dynamics.load(g))).collect::<Vec<_>>());
+        let loads: Vec<Vector6<f64>> = (0..now.len()).map(|g| scaled(&dynamics.load(g))).collect();
         if row % LOOK_EVERY == 0 {
             dynamics.differentiate();
         }
@@ -172,54 +200,80 @@ fn hear_move(
             now[gauge].dot(&scaled(dynamics.by_acceleration(gauge, joint))).powi(2)
                 * joints[joint][k - from].covariance[(2, 2)]
         };
-        let of = |gauge: usize| (0..joints.len()).map(|joint| by(gauge, joint)).sum::<f64>();
-        motion_counts2.push((0..known.len()).map(of).collect::<Vec<f64>>());
+        let of = |(gauge, load): (usize, Vector6<f64>)| Felt {
+            load,
+            motion_counts2: (0..joints.len()).map(|joint| by(gauge, joint)).sum(),
+        };
+        felt.push(loads.into_iter().enumerate().map(of).collect());
     }
-    let lines: Vec<Line> = (0..known.len()).map(|gauge| Line::new(this, gauge)).collect::<Option<_>>()?;
-    let mut out = vec![(Triangle::<WIDTH>::default(), 0.0); known.len()];
-    for row in 1..loads.len().saturating_sub(1) {
-        let k = instants.start + row;
-        let step_s = (recording.sampled[k + 1].at_ns - recording.sampled[k - 1].at_ns) as f64 * 1e-9;
-        let share = (0.5 * step_s / TOGETHER_S).min(1.0);
-        for (gauge, (triangle, weight)) in out.iter_mut().enumerate() {
-            let Some(counts) = recording.counts[gauge][k] else { continue };
-            let (load, held_counts) = lines[gauge].at(recording.time_s(k));
-            let moved = loads[row][gauge] - load;
-            let rate = now[gauge].dot(&(loads[row + 1][gauge] - loads[row - 1][gauge])) / step_s;
-            let left = counts - held_counts - known[gauge].seen.dot(&moved);
-            let variance = known[gauge].noise_counts.powi(2) + motion_counts2[row][gauge];
-            let scale = (share / variance).sqrt();
-            let mut line = [0.0; WIDTH];
-            line[..6].copy_from_slice(moved.as_slice());
-            (line[6], line[7]) = (-rate, left);
-            triangle.add(&line.map(|value| value * scale));
-            *weight += share;
-        }
-    }
-    Some(out)
+    felt
 }
 
-/// Load (scaled) and reading of a gauge on the line from the held pose before a move to the one after.
+/// A gauge's rows of one move.
+fn rows(
+    this: &Move,
+    gauge: usize,
+    held: &Line,
+    felt: &[Vec<Felt>],
+    known: &Known,
+    now: &Vector6<f64>,
+) -> Rows {
+    let recording = this.recording;
+    let mut rows = Rows::default();
+    for row in 1..felt.len().saturating_sub(1) {
+        let k = this.instants.start + row;
+        let Some(counts) = recording.counts[gauge][k] else { continue };
+        let step_s = (recording.sampled[k + 1].at_ns - recording.sampled[k - 1].at_ns) as f64 * 1e-9;
+        let share = (0.5 * step_s / TOGETHER_S).min(1.0);
+        let (at, rested) = (&felt[row][gauge], held.at(recording.time_s(k)));
+        let moved = at.load - rested.load;
+        let rate = now.dot(&(felt[row + 1][gauge].load - felt[row - 1][gauge].load)) / step_s;
+        let left = counts - rested.counts - known.seen.dot(&moved);
+        let scale = (share / (known.noise_counts.powi(2) + at.motion_counts2)).sqrt();
+        let mut line = [0.0; WIDTH];
+        line[..6].copy_from_slice(moved.as_slice());
+        (line[6], line[7]) = (-rate, left);
+        rows.triangle.add(&line.map(|value| value * scale));
+        rows.weight += share;
+    }
+    rows
+}
+
+/// Means of a gauge over a held pose, or between two.
+struct Rested {
+    middle_s: f64,
+    /// Section load (scaled), N.
+    load: Vector6<f64>,
+    counts: f64,
+}
+
+/// The line on which a gauge would go from the held pose before a move to the one after.
 struct Line {
-    from: (f64, Vector6<f64>, f64),
-    to: (f64, Vector6<f64>, f64),
+    from: Rested,
+    to: Rested,
 }
 
 impl Line {
     /// `None` where the gauge is silent in one of them.
     fn new(this: &Move, gauge: usize) -> Option<Self> {
-        let held = |window: &Window| {
+        let rested = |window: &Window| {
             let counts: Vec<f64> = window.counts[gauge].iter().flatten().copied().collect();
-            let n = counts.len() as f64;
-            let middle_s = window.times_s.iter().sum::<f64>() / window.times_s.len() as f64;
-            (n > 0.0).then(|| (middle_s, scaled(&window.loads[gauge]), counts.iter().sum::<f64>() / n))
+            let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+            let load = scaled(&window.loads[gauge]);
+            (!counts.is_empty()).then(|| Rested {
+                middle_s: mean(&window.times_s),
+                load,
+                counts: mean(&counts),
+            })
         };
-        Some(Self { from: held(this.before)?, to: held(this.after)? })
+        Some(Self { from: rested(this.before)?, to: rested(this.after)? })
     }
 
-    fn at(&self, t_s: f64) -> (Vector6<f64>, f64) {
-        let share = (t_s - self.from.0) / (self.to.0 - self.from.0);
-        (self.from.1.lerp(&self.to.1, share), self.from.2 + share * (self.to.2 - self.from.2))
+    fn at(&self, t_s: f64) -> Rested {
+        let (from, to) = (&self.from, &self.to);
+        let share = (t_s - from.middle_s) / (to.middle_s - from.middle_s);
+        let counts = from.counts + share * (to.counts - from.counts);
+        Rested { middle_s: t_s, load: from.load.lerp(&to.load, share), counts }
     }
 }
 

@@ -69,8 +69,11 @@ fn live_equals_offline(guest: &Guest, form: Form, player: Player) -> Check {
         played.ensure_good(&pairs)?;
         if played.is_calm() {
             let truth = arm.truth()?;
-            let undisturbed = undisturbed(guest, &arm, &lines, &truth, &played.calm)?;
-            played.errors(&pairs, &truth, &played.calm)?.ensure_reported(&undisturbed)?;
+            let fewer = match played.calm.contains(&false) {
+                true => Some(undisturbed(guest, &arm, &lines, &truth, &played.calm)?),
+                false => None,
+            };
+            played.errors(&pairs, &truth, &played.calm)?.ensure_reported(fewer.as_ref())?;
             return ensure_push(&pairs);
         }
     }
@@ -241,12 +244,12 @@ struct HeldAndMoving {
 }
 
 impl HeldAndMoving {
-    /// The errors are what the reported standard deviations say, or what they are where nothing disturbs the player.
-    fn ensure_reported(&self, undisturbed: &Self) -> Check {
+    /// The errors are what the reported standard deviations say, or, where only some rounds are judged, what those rounds' are undisturbed.
+    fn ensure_reported(&self, undisturbed: Option<&Self>) -> Check {
         println!("  held: {}\n  moving: {}", self.held, self.moving);
-        self.held.ensure_reported(6.0, &undisturbed.held)?;
+        self.held.ensure_reported(6.0, undisturbed.map(|errors| &errors.held))?;
         // What changes within a few rounds is known a little late: some instants of a motion lie further out than a Gaussian's.
-        self.moving.ensure_reported(8.0, &undisturbed.moving)
+        self.moving.ensure_reported(8.0, undisturbed.map(|errors| &errors.moving))
     }
 }
 
@@ -277,16 +280,15 @@ impl Errors {
     }
 
     /// Errors come in runs of alike ones: the fewer rounds count, the further their mean square may be from one, live as undisturbed.
-    fn ensure_reported(&self, largest: f64, undisturbed: &Self) -> Check {
+    fn ensure_reported(&self, largest: f64, undisturbed: Option<&Self>) -> Check {
         const ALIKE: f64 = 1.2;
-        let fits = |(nees, other): (&f64, &f64)| {
-            (0.3..1.6).contains(nees) || (other / ALIKE..other * ALIKE).contains(nees)
+        let other = undisturbed.map(Self::nees);
+        let is_alike = |axis: usize, nees: f64| {
+            other.is_some_and(|other| (other[axis] / ALIKE..other[axis] * ALIKE).contains(&nees))
         };
-        let fit = self.nees().iter().zip(&undisturbed.nees()).all(fits) && self.largest.0 < largest;
-        ensure!(
-            fit,
-            "errors do not fit the reported standard deviations: {self}; undisturbed: {undisturbed}"
-        );
+        let fits = |(axis, nees): (usize, f64)| (0.3..1.6).contains(&nees) || is_alike(axis, nees);
+        let fit = self.nees().into_iter().enumerate().all(fits) && self.largest.0 < largest;
+        ensure!(fit, "errors do not fit the reported standard deviations: {self}; undisturbed: {other:.2?}");
         Ok(())
     }
 }

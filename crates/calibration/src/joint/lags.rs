@@ -27,8 +27,26 @@ pub struct Lag {
     pub lag_s: f64,
     /// Change of the gauge's own numbers with one standard deviation of the lag.
     pub own: Vec<f64>,
-    /// The same of what else is in doubt about its drift; what comes of that shows in the rows' misfit.
-    pub doubts: Vec<Vec<f64>>,
+}
+
+/// The lags of all gauges.
+#[derive(Clone, Debug)]
+pub struct Lags {
+    /// What all have about in common, s.
+    pub common_s: f64,
+    /// Each gauge's.
+    pub gauges: Vec<Lag>,
+}
+
+/// What the drift of an arm's gauges is fitted to.
+#[derive(Clone, Copy)]
+pub struct Fitted<'a> {
+    /// The linearised problem.
+    pub system: &'a System,
+    /// Its solution.
+    pub solution: &'a Solution,
+    /// Which numbers are free.
+    pub selection: &'a Selection,
 }
 
 /// Weighted squares that are left with one lag, and the gauge's own numbers there.
@@ -47,27 +65,17 @@ struct Lowest {
     curvature: Option<f64>,
 }
 
-/// Finds each gauge's lag; `effects` gives all gauges' regressors for one lag and one ahead of it (s).
-pub fn search(
-    system: &System,
-    solution: &Solution,
-    selection: &Selection,
-    effects: impl Fn(f64, f64) -> Vec<([Effect; MOST_TERMS], Values, (f64, f64))>,
-) -> Vec<Lag> {
-    let gauges = system.gauges.len();
+/// Regressors of all gauges, as [`super::effects::all`] gives them.
+pub type Effects = Vec<([Effect; MOST_TERMS], Values, (f64, f64))>;
+
+/// Finds each gauge's lag; `effects` gives all gauges' regressors for one lag (s).
+pub fn search(fitted: Fitted, effects: impl Fn(f64) -> Effects) -> Lags {
     // `[lag][gauge]`
-    let try_all = |lag_s: f64, ahead_s: f64| {
-        let tried = effects(lag_s, ahead_s);
-        in_parallel(gauges, |gauge| trial(system, solution, selection, gauge, &tried[gauge].1))
-    };
-    let trials: Vec<Vec<Trial>> = LAGS_S.iter().map(|lag_s| try_all(*lag_s, 0.0)).collect();
+    let trials: Vec<Vec<Trial>> = LAGS_S.iter().map(|lag_s| try_all(fitted, &effects(*lag_s))).collect();
     // Gauges of one arm are built alike: one lag for all, from which each departs as far as its own rows insist.
     let together: Vec<f64> =
         trials.iter().map(|of_lag| of_lag.iter().map(|trial| trial.cost).sum()).collect();
     let common = lowest(&LAGS_S, &together).place;
-    // The same delay in all, in one stage and in two.
-    let (whole, staged) =
-        (try_all(common, 0.0), try_all((1.0 - STAGED_SHARE) * common, STAGED_SHARE * common));
     let of_gauge = |gauge: usize| {
         let apart = |lag_s: &f64| ((lag_s / common).ln() / LAG_SPREAD).powi(2);
         let cost: Vec<f64> =
@@ -77,13 +85,27 @@ pub fn search(
         let sigma_ln = found.curvature.map_or(LAG_SPREAD, |curvature| curvature.sqrt().recip());
         let (from, to) = (found.index.saturating_sub(1), (found.index + 1).min(LAGS_S.len() - 1));
         let share = sigma_ln.min(LAG_SPREAD) / (LAGS_S[to] / LAGS_S[from]).ln();
-        let by_lag = change(&trials[to][gauge], &trials[from][gauge], share);
-        let by_stages = change(&staged[gauge], &whole[gauge], 1.0);
-        let by_stretches = by_stretches(system, solution, gauge);
-        let doubts = [by_stages].into_iter().chain(by_stretches).collect();
-        Lag { lag_s: found.place, own: by_lag, doubts }
+        Lag { lag_s: found.place, own: change(&trials[to][gauge], &trials[from][gauge], share) }
     };
-    (0..gauges).map(of_gauge).collect()
+    Lags { common_s: common, gauges: (0..fitted.system.gauges.len()).map(of_gauge).collect() }
+}
+
+/// What else is in doubt about each gauge's drift, as changes of its own numbers: `[gauge][doubt][own number]`. What comes of it at run time
+/// shows in the rows' misfit. `effects` gives all gauges' regressors for one lag and one ahead of it (s).
+pub fn doubts(fitted: Fitted, common_s: f64, effects: impl Fn(f64, f64) -> Effects) -> Vec<Vec<Vec<f64>>> {
+    // The same delay in all, in one stage and in two.
+    let whole = try_all(fitted, &effects(common_s, 0.0));
+    let staged = try_all(fitted, &effects((1.0 - STAGED_SHARE) * common_s, STAGED_SHARE * common_s));
+    let of_gauge = |gauge: usize| {
+        let by_stages = change(&staged[gauge], &whole[gauge], 1.0);
+        [by_stages].into_iter().chain(by_stretches(fitted.system, fitted.solution, gauge)).collect()
+    };
+    (0..fitted.system.gauges.len()).map(of_gauge).collect()
+}
+
+/// All gauges' rows fitted anew with these regressors.
+fn try_all(fitted: Fitted, effects: &Effects) -> Vec<Trial> {
+    in_parallel(effects.len(), |gauge| trial(fitted, gauge, &effects[gauge].1))
 }
 
 /// By how much a gauge's own numbers differ between two trials, times a share.
@@ -118,13 +140,8 @@ fn by_stretches(system: &System, solution: &Solution, gauge: usize) -> Option<Ve
 }
 
 /// A gauge's rows fitted anew with these regressors, the arm's numbers held.
-fn trial(
-    system: &System,
-    solution: &Solution,
-    selection: &Selection,
-    gauge: usize,
-    values: &Values,
-) -> Trial {
+fn trial(fitted: Fitted, gauge: usize, values: &Values) -> Trial {
+    let Fitted { system, solution, selection } = fitted;
     let (rows, n) = (&system.gauges[gauge], system.columns());
     let mut alone = System { gauges: vec![rows.clone()], own: system.own, widths: Vec::new() };
     let mut a = Vec::with_capacity(rows.z.len() * system.own);

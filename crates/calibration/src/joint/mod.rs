@@ -30,7 +30,7 @@ use crate::recording::Recording;
 use crate::solve::Estimate;
 use admission::Admitted;
 use effects::Values;
-use lags::Lag;
+use lags::{Fitted, Lags};
 use parameters::{Group, Parameters};
 use rows::Row;
 use system::{GaugeRows, Selection, Solution, System};
@@ -85,7 +85,9 @@ pub struct Joint {
     noise: Vec<NoiseModel>,
     effects: Vec<([Effect; MOST_TERMS], Values, (f64, f64))>,
     /// How each gauge's numbers move with its lag.
-    lags: Vec<Lag>,
+    lags: Lags,
+    /// What else is in doubt about each gauge's drift: `[gauge][doubt][own number]`.
+    doubts: Vec<Vec<Vec<f64>>>,
     sessions: usize,
 }
 
@@ -124,9 +126,11 @@ pub fn estimate(rig: &Rig, dataset: &Dataset, recordings: &[Recording], gauges: 
         point.misfits.iter_mut().zip(&held_out).for_each(|(own, other)| *own = own.max(*other));
     }
     let lags = problem.lags(recordings, &fitted, &selection);
+    let doubts = problem.doubts(recordings, &fitted, &selection, lags.common_s);
     let (system, solution) = fitted;
     Some(Joint {
         lags,
+        doubts,
         sessions: dataset.sessions.len(),
         rows: problem.rows,
         parameters: problem.parameters,
@@ -303,18 +307,39 @@ impl<'a> Problem<'a> {
 
     /// Takes the lags between thermometers and gauges with which each gauge's rows fit best, the arm as it was found.
     fn take_lags(&mut self, recordings: &[Recording], fitted: &(System, Solution), selection: &Selection) {
-        let found: Vec<f64> = self.lags(recordings, fitted, selection).iter().map(|lag| lag.lag_s).collect();
+        let found = self.lags(recordings, fitted, selection).gauges;
+        let found: Vec<f64> = found.iter().map(|lag| lag.lag_s).collect();
         let reference_c = reference_temperatures(recordings, self.noise.len());
         self.effects = effects::all(recordings, &self.rows, &found, &reference_c, 0.0);
     }
 
-    fn lags(&self, recordings: &[Recording], fitted: &(System, Solution), selection: &Selection) -> Vec<Lag> {
+    fn lags(
+        &self,
+        recordings: &[Recording],
+        (system, solution): &(System, Solution),
+        selection: &Selection,
+    ) -> Lags {
+        let trial = self.trial(recordings);
+        lags::search(Fitted { system, solution, selection }, |lag_s| trial(lag_s, 0.0))
+    }
+
+    fn doubts(
+        &self,
+        recordings: &[Recording],
+        (system, solution): &(System, Solution),
+        selection: &Selection,
+        common_s: f64,
+    ) -> Vec<Vec<Vec<f64>>> {
+        lags::doubts(Fitted { system, solution, selection }, common_s, self.trial(recordings))
+    }
+
+    /// Regressors of all gauges for one lag of all, and one ahead of it (s).
+    fn trial(&self, recordings: &[Recording]) -> impl Fn(f64, f64) -> lags::Effects {
         let reference_c = reference_temperatures(recordings, self.noise.len());
-        let trial = |lag_s: f64, ahead_s: f64| {
+        move |lag_s, ahead_s| {
             let lags = vec![lag_s; self.noise.len()];
             effects::all(recordings, &self.rows, &lags, &reference_c, ahead_s)
-        };
-        lags::search(&fitted.0, &fitted.1, selection, trial)
+        }
     }
 }
 

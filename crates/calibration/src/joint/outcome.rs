@@ -197,14 +197,14 @@ impl Joint {
 
     /// Covariance of a gauge's stored numbers, all of the arm's uncertainty included.
     fn stored_covariance(&self, gauge: usize) -> DMatrix<f64> {
-        let doubts = self.lags[gauge].doubts.iter().map(|own| self.squared(gauge, own));
+        let doubts = self.doubts[gauge].iter().map(|own| self.squared(gauge, own));
         let known = self.of_stored(gauge, &self.solution.marginal(gauge)) + self.by_lag(gauge);
         doubts.fold(known, |sum, doubt| sum + doubt)
     }
 
     /// What the lag between thermometer and gauge adds to the covariance of the stored numbers.
     fn by_lag(&self, gauge: usize) -> DMatrix<f64> {
-        self.squared(gauge, &self.lags[gauge].own)
+        self.squared(gauge, &self.lags.gauges[gauge].own)
     }
 
     /// Covariance of the stored numbers where the own ones are off by one standard deviation along a direction.
