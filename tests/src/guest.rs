@@ -3,7 +3,7 @@
 use crate::candump::Line;
 use crate::process::{self, Program};
 use crate::{Check, Failure, IoContext, ensure};
-use std::fs;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -22,7 +22,8 @@ pub struct Guest {
 }
 
 impl Guest {
-    pub(crate) fn new(dir: PathBuf) -> Self {
+    /// With a directory of one's own.
+    pub fn new(dir: PathBuf) -> Self {
         Self { dir }
     }
 
@@ -67,6 +68,11 @@ impl Guest {
     /// Starts a command and returns once it listens on the link.
     pub fn start_listening(&self, command: &mut Command, interface: &str) -> Check<Program> {
         self.listening(interface, || Program::start(command))
+    }
+
+    /// The same with its standard output in a file.
+    pub fn start_listening_into(&self, command: &mut Command, interface: &str, out: File) -> Check<Program> {
+        self.listening(interface, || Program::start_into(command, out))
     }
 
     /// How many frames a link has carried since it was added, by the kernel's count.

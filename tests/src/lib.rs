@@ -7,6 +7,8 @@
 //! - [`process`]: child programs with a deadline on everything.
 //! - [`package`]: the Debian package.
 //! - [`programs`], [`python`]: the programs under test, and the independent decoder.
+//! - [`scratch`]: directories of the tests' own.
+//! - [`packages`]: what Debian has.
 //! - [`browser`]: what a person sees of a report.
 //! - [`candump`]: recordings cut, retimed and repacked as text, without the code under test.
 
@@ -16,11 +18,11 @@ mod failure;
 pub mod guest;
 pub mod machine;
 pub mod package;
-mod packages;
+pub mod packages;
 pub mod process;
 pub mod programs;
 pub mod python;
-mod scratch;
+pub mod scratch;
 pub mod suite;
 
 pub use failure::{Check, Failure, IoContext};

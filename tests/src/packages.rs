@@ -73,8 +73,14 @@ pub(crate) fn require(tools: &[&Tool]) -> Check<Vec<PathBuf>> {
         .collect()
 }
 
+/// The file of a program that is in this Debian package, which is installed first where it is missing.
+pub fn require_program(program: &'static str, package: &'static str) -> Check<PathBuf> {
+    let files = require(&[&Tool { program, package }])?;
+    files.into_iter().next().ok_or_else(|| Failure::new(format!("{program} is required and found")))
+}
+
 /// Installs Debian packages, or says what the user must install.
-pub(crate) fn install(packages: &[&str]) -> Check {
+pub fn install(packages: &[&str]) -> Check {
     let by_hand = |why: String| {
         let list = packages.join(" ");
         Failure::new(format!(

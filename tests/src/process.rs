@@ -3,6 +3,7 @@
 use crate::{Check, Failure, ensure};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
+use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -83,12 +84,21 @@ pub struct Finished {
 impl Program {
     /// Starts a command with no input and both outputs collected.
     pub fn start(command: &mut Command) -> Check<Self> {
+        Self::start_with(command, Stdio::piped())
+    }
+
+    /// The same with its standard output in a file.
+    pub fn start_into(command: &mut Command, out: File) -> Check<Self> {
+        Self::start_with(command, out.into())
+    }
+
+    fn start_with(command: &mut Command, out: Stdio) -> Check<Self> {
         let name =
             Path::new(command.get_program()).file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut child =
-            command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().map_err(
-                |error| Failure::new(format!("cannot start {:?}: {error}", command.get_program())),
-            )?;
+            command.stdin(Stdio::null()).stdout(out).stderr(Stdio::piped()).spawn().map_err(|error| {
+                Failure::new(format!("cannot start {:?}: {error}", command.get_program()))
+            })?;
         let shared = Arc::new(Shared::default());
         if let Some(pipe) = child.stdout.take() {
             collect(pipe, true, &shared);

@@ -65,7 +65,16 @@ fn parse(line: &str) -> Option<Decoded> {
 }
 
 fn make() -> Check<PathBuf> {
-    let dir = target_dir()?.join("python");
+    environment_with(
+        "python",
+        REQUIREMENTS,
+        "can, cantools, NetFT, pynetft, zenoh, mcap, mcap_ros2, prometheus_client",
+    )
+}
+
+/// The interpreter of an environment of this name under the build directory, with these packages, of which these modules can be imported.
+pub fn environment_with(name: &str, requirements: &str, modules: &str) -> Check<PathBuf> {
+    let dir = target_dir()?.join(name);
     fs::create_dir_all(&dir).at("create", &dir)?;
     let lock_path = dir.join("lock");
     let lock = File::create(&lock_path).at("create", &lock_path)?;
@@ -77,12 +86,12 @@ fn make() -> Check<PathBuf> {
     let done = environment.join("requirements.txt");
     let works = |interpreter: &Path| {
         process::run(
-            Command::new(interpreter).args(["-c", "import can, cantools, NetFT, pynetft"]),
+            Command::new(interpreter).args(["-c", &format!("import {modules}")]),
             Duration::from_secs(60),
         )
         .is_ok()
     };
-    if fs::read_to_string(&done).is_ok_and(|text| text == REQUIREMENTS) && works(&interpreter) {
+    if fs::read_to_string(&done).is_ok_and(|text| text == requirements) && works(&interpreter) {
         return Ok(interpreter);
     }
     let [python] = packages::require(&[&packages::PYTHON])?
@@ -98,14 +107,15 @@ fn make() -> Check<PathBuf> {
         packages::install(&["python3-venv"]).and_then(|()| venv(&python))
     })?;
     let mut pip = Command::new(&interpreter);
-    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"]);
-    pip.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("python/requirements.txt"));
+    let wanted = dir.join("requirements.txt");
+    fs::write(&wanted, requirements).at("write", &wanted)?;
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"]).arg(&wanted);
     process::run(&mut pip, INSTALL_LIMIT).map_err(|failure| {
         Failure::new(format!(
-            "the independent decoder cannot be installed (pip needs a network or a configured index): {}",
+            "Python's packages cannot be installed (pip needs a network or a configured index): {}",
             failure.words()
         ))
     })?;
-    fs::write(&done, REQUIREMENTS).at("write", &done)?;
+    fs::write(&done, requirements).at("write", &done)?;
     Ok(interpreter)
 }

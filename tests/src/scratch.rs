@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The build directory that this executable was built into (wherever the user put it).
-pub(crate) fn target_dir() -> Check<PathBuf> {
+pub fn target_dir() -> Check<PathBuf> {
     let executable = std::env::current_exe()?;
     executable.ancestors().find(|dir| dir.join("CACHEDIR.TAG").is_file()).map(Path::to_owned).ok_or_else(
         || Failure::new(format!("{} does not lie in a cargo build directory", executable.display())),

@@ -47,6 +47,9 @@ impl Stage {
 /// Tells the program inside that it is to run what comes before all scenarios.
 const FIRST_VARIABLE: &str = "WRENCHD_TEST_FIRST";
 
+/// For how many minutes the daemon is watched beside a bus that fails; some seconds where it is not set.
+pub const SOAK_VARIABLE: &str = "WRENCHD_TEST_SOAK_MINUTES";
+
 /// One scenario.
 pub struct Scenario {
     /// Its name, as in a test's path.
@@ -144,6 +147,9 @@ fn job(needed: impl Fn(Need) -> bool) -> Check<Job> {
     let mut job = Job::new(std::env::current_exe()?);
     for argument in std::env::args_os().skip(1) {
         job = job.arg(argument);
+    }
+    if let Some(minutes) = std::env::var_os(SOAK_VARIABLE) {
+        job = job.env(SOAK_VARIABLE, minutes);
     }
     if needed(Need::Programs) {
         for (name, path) in programs::programs()?.environment() {

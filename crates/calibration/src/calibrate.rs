@@ -375,6 +375,7 @@ fn warnings(dataset: &Dataset, gauges: &[Gauge], names: &[&str], recordings: &[R
             dataset.sessions.len()
         ));
     }
+    out.extend(recordings.iter().filter_map(|recording| recording.thinned.clone()));
     out.extend(recordings.iter().filter_map(Recording::oddities));
     for (name, gauge) in names.iter().zip(gauges) {
         if gauge.outliers > 0 {

@@ -20,7 +20,7 @@ use rig::Rig;
 use crate::dataset::{Dataset, Window};
 use crate::gauges::in_parallel;
 use crate::recording::Recording;
-use crate::solve::scaled;
+use crate::solve::{scaled, unscaled};
 use crate::triangle::Triangle;
 
 /// Held poses further apart than this in time do not tell the zero between them, s.
@@ -170,6 +170,12 @@ fn hear_move(rig: &Rig, dataset: &Dataset, this: &Move, known: &[Known], now: &[
     (0..known.len()).map(rows).collect()
 }
 
+/// Squares of a gauge's answers to the joints' accelerations, (counts s^2/rad)^2.
+fn squares(dynamics: &Dynamics, gauge: usize, sensitivity: &Vector6<f64>) -> Vec<f64> {
+    let row = dynamics.row_to_tip(gauge, &unscaled(sensitivity));
+    dynamics.row_by_motion(gauge, &row).map(|[_, _, by_acceleration]| by_acceleration.powi(2)).collect()
+}
+
 /// Section loads along a move, `[instant][gauge]`, with the sensitivities as they are known now.
 fn along(rig: &Rig, dataset: &Dataset, this: &Move, now: &[Vector6<f64>]) -> Vec<Vec<Felt>> {
     let (recording, instants) = (this.recording, &this.instants);
@@ -185,6 +191,7 @@ fn along(rig: &Rig, dataset: &Dataset, this: &Move, now: &[Vector6<f64>]) -> Vec
     let mut dynamics = Dynamics::new(&rig.chain, &rig.sections);
     dynamics.set_payload(&this.before.body);
     let mut felt = Vec::with_capacity(instants.len());
+    let mut by_acceleration2: Vec<Vec<f64>> = Vec::new();
     for (row, k) in instants.clone().enumerate() {
         let all = |f: fn(&JointMotion) -> f64| joints.iter().map(|j| f(&j[k - from])).collect::<Vec<f64>>();
         dynamics.update(
@@ -195,10 +202,10 @@ fn along(rig: &Rig, dataset: &Dataset, this: &Move, now: &[Vector6<f64>]) -> Vec
         let loads: Vec<Vector6<f64>> = (0..now.len()).map(|g| scaled(&dynamics.load(g))).collect();
         if row % LOOK_EVERY == 0 {
             dynamics.differentiate();
+            by_acceleration2 = (0..now.len()).map(|gauge| squares(&dynamics, gauge, &now[gauge])).collect();
         }
         let by = |gauge: usize, joint: usize| {
-            now[gauge].dot(&scaled(dynamics.by_acceleration(gauge, joint))).powi(2)
-                * joints[joint][k - from].covariance[(2, 2)]
+            by_acceleration2[gauge][joint] * joints[joint][k - from].covariance[(2, 2)]
         };
         let of = |(gauge, load): (usize, Vector6<f64>)| Felt {
             load,

@@ -1,13 +1,14 @@
 //! A recording as columns: instants, joint positions, gauge counts.
 
 use can::assembly::{Assembler, AssemblyCounts, Snapshot};
-use can::candump::{Interfaces, LogEvent, LogReader};
+use can::candump::{Interfaces, LogEvent, LogReader, ReadAhead};
 use can::frame::Stamped;
 use model::motion::{RoundClock, Sampled};
 use rig::run::{Exclude, Loads, Reference};
 use rig::{Rig, Run};
 
 use crate::error::Error;
+use crate::keep::{Keep, Thinning};
 
 /// All instants of one recording at which every joint is known, by column, with what acted on the tip.
 #[derive(Clone, Debug)]
@@ -18,6 +19,8 @@ pub struct Recording {
     pub session: String,
     /// Stamp of the log's first frame, ns since the Unix epoch: the zero of the loads' clock.
     pub start_ns: i64,
+    /// The last instant that was met, kept or not, ns since the Unix epoch.
+    pub end_ns: i64,
     /// Instants, strictly rising, ns since the Unix epoch.
     pub at_ns: Vec<i64>,
     /// The same by the boards' own time, which does not follow the stamps' scatter.
@@ -38,14 +41,21 @@ pub struct Recording {
     pub reference: Option<Reference>,
     /// What was met on the way.
     pub met: AssemblyCounts,
+    /// That it is not the whole log, in words.
+    pub thinned: Option<String>,
 }
 
 impl Recording {
-    /// Reads a run's log. `progress` is told how many bytes of the (compressed) file were read so far.
-    pub fn read(run: &Run, rig: &Rig, mut progress: impl FnMut(u64)) -> Result<Self, Error> {
+    /// Reads a run's log, all of it. `progress` is told how many bytes of text were read so far.
+    pub fn read(run: &Run, rig: &Rig, progress: impl FnMut(u64)) -> Result<Self, Error> {
+        Self::read_some(run, rig, Keep::Everything, progress)
+    }
+
+    /// Reads a run's log and keeps as much of it as it should.
+    pub fn read_some(run: &Run, rig: &Rig, keep: Keep, mut progress: impl FnMut(u64)) -> Result<Self, Error> {
         let name = run.dir.display().to_string();
         let session = run.session.clone().unwrap_or_else(|| name.clone());
-        let mut builder = Builder::new(rig, name, session)?;
+        let mut builder = Builder::new(rig, name, session, keep)?;
         for_each_frame(run, |frame, bytes| {
             builder.push(frame);
             progress(bytes);
@@ -61,8 +71,7 @@ impl Recording {
             );
             return Err(Error::data(run.log.display(), problem));
         }
-        let last_ns = recording.at_ns.last().copied().unwrap_or(recording.start_ns);
-        run.check_span((last_ns - recording.start_ns) as f64 * 1e-9)?;
+        run.check_span((recording.end_ns - recording.start_ns) as f64 * 1e-9)?;
         Ok(recording)
     }
 
@@ -72,7 +81,7 @@ impl Recording {
         name: &str,
         frames: impl IntoIterator<Item = Stamped>,
     ) -> Result<Self, Error> {
-        let mut builder = Builder::new(rig, name.to_owned(), name.to_owned())?;
+        let mut builder = Builder::new(rig, name.to_owned(), name.to_owned(), Keep::Everything)?;
         for frame in frames {
             builder.push(&frame);
         }
@@ -126,9 +135,10 @@ impl Recording {
     }
 }
 
-/// Hands every frame of a run's log to `take`, with the number of bytes read so far.
+/// Hands every frame of a run's log to `take`, with the number of bytes read so far. Another thread reads ahead.
 pub fn for_each_frame(run: &Run, mut take: impl FnMut(&Stamped, u64)) -> Result<(), Error> {
-    let mut reader = LogReader::open(&run.log, Interfaces::fixed(&run.config.bus.interfaces))?;
+    let reader = LogReader::open(&run.log, Interfaces::fixed(&run.config.bus.interfaces))?;
+    let mut reader = ReadAhead::new(reader);
     while let Some(event) = reader.next_event()? {
         if let LogEvent::Frame(frame) = event {
             take(&frame, reader.bytes());
@@ -150,16 +160,18 @@ struct Builder {
     assembler: Assembler,
     recording: Recording,
     clock: RoundClock,
+    thinning: Thinning,
     started: bool,
 }
 
 impl Builder {
-    fn new(rig: &Rig, name: String, session: String) -> Result<Self, Error> {
+    fn new(rig: &Rig, name: String, session: String, keep: Keep) -> Result<Self, Error> {
         let (coordinates, gauges) = (rig.chain.coordinates(), rig.sections.len());
         let recording = Recording {
             name,
             session,
             start_ns: 0,
+            end_ns: 0,
             at_ns: Vec::new(),
             sampled: Vec::new(),
             positions_rad: vec![Vec::new(); coordinates],
@@ -170,11 +182,13 @@ impl Builder {
             excludes: Vec::new(),
             reference: None,
             met: AssemblyCounts::default(),
+            thinned: None,
         };
         Ok(Self {
             assembler: Assembler::new(&rig.layout)?,
             recording,
             clock: RoundClock::default(),
+            thinning: Thinning::new(keep),
             started: false,
         })
     }
@@ -186,12 +200,19 @@ impl Builder {
         }
         for snapshot in self.assembler.push(frame) {
             let sampled = self.clock.observe(snapshot.instant_ns, snapshot.cycles);
-            append(&mut self.recording, snapshot, sampled);
+            if !is_usable(&self.recording, snapshot) {
+                continue;
+            }
+            self.recording.end_ns = snapshot.instant_ns;
+            if self.thinning.admits(&mut self.recording, snapshot.instant_ns) {
+                append(&mut self.recording, snapshot, sampled);
+            }
         }
     }
 
     fn finish(mut self) -> Result<Recording, Error> {
         self.recording.met = self.assembler.counts();
+        self.recording.thinned = self.thinning.words(&self.recording);
         if self.recording.is_empty() {
             let met = &self.recording.met;
             let problem = format!(
@@ -210,12 +231,13 @@ impl Builder {
     }
 }
 
-/// Adds a snapshot in which every joint was read at its own instant; others are no use for calibration.
+/// Whether every joint was read at its own instant; other snapshots are no use for calibration.
+fn is_usable(recording: &Recording, snapshot: &Snapshot) -> bool {
+    let rising = recording.is_empty() || snapshot.instant_ns > recording.end_ns;
+    rising && snapshot.joints.iter().all(|joint| joint.position.is_ok())
+}
+
 fn append(recording: &mut Recording, snapshot: &Snapshot, sampled: Sampled) {
-    let rising = recording.at_ns.last().is_none_or(|last| snapshot.instant_ns > *last);
-    if !rising || snapshot.joints.iter().any(|joint| joint.position.is_err()) {
-        return;
-    }
     recording.at_ns.push(snapshot.instant_ns);
     recording.sampled.push(sampled);
     for (joint, column) in snapshot.joints.iter().zip(&mut recording.positions_rad) {

@@ -82,6 +82,9 @@ pub struct Row {
     pub still: bool,
 }
 
+/// Between instants farther apart the motion is not known, ns.
+const LONGEST_STEP_NS: i64 = 100_000_000;
+
 /// Running sums of one score.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
@@ -114,14 +117,15 @@ pub fn validate(
                 return;
             }
             for snapshot in assembler.push(frame) {
-                let (next, baselines) = scorer.instant(snapshot, recording);
-                if !recording.is_excluded(next.t_s) {
-                    full_scale_n = full_scale_n.max(next.truth.force_n.amax());
-                    invalid += u64::from(next.estimate.status.has(Status::INVALID));
-                    next.estimate.status.names().for_each(|name| *status.entry(name).or_default() += 1);
-                    score(&mut sums, &next, baselines);
-                }
-                failed = failed.take().or(row(&next).err());
+                scorer.push(snapshot, recording, |next, baseline_errors| {
+                    if !recording.is_excluded(next.t_s) {
+                        full_scale_n = full_scale_n.max(next.truth.force_n.amax());
+                        invalid += u64::from(next.estimate.status.has(Status::INVALID));
+                        next.estimate.status.names().for_each(|name| *status.entry(name).or_default() += 1);
+                        score(&mut sums, next, baseline_errors);
+                    }
+                    failed = failed.take().or(row(next).err());
+                });
             }
         })?;
         if let Some(error) = failed {
@@ -163,17 +167,14 @@ pub fn validate(
     })
 }
 
-fn score(sums: &mut [Split; 3], row: &Row, baselines: [Option<Vector6<f64>>; 2]) {
+fn score(sums: &mut [Split; 3], row: &Row, baseline_errors: [Option<Vector6<f64>>; 2]) {
     let class = usize::from(!row.still);
-    let truth = row.truth.to_vector();
     if let Ok(solution) = &row.estimate.outcome {
         let variance = solution.covariance.diagonal();
-        sums[0][class].add(&(solution.wrench.to_vector() - truth), Some(&variance));
+        sums[0][class].add(&(solution.wrench.to_vector() - row.truth.to_vector()), Some(&variance));
     }
-    for (split, found) in sums[1..].iter_mut().zip(baselines) {
-        if let Some(found) = found {
-            split[class].add(&(found - truth), None);
-        }
+    for (split, error) in sums[1..].iter_mut().zip(baseline_errors) {
+        error.iter().for_each(|error| split[class].add(error, None));
     }
 }
 
@@ -218,13 +219,19 @@ impl Sums {
 struct Scorer {
     tracker: MotionTracker,
     stage: Stage,
+    reference: Reference,
+    /// The motion is the reference's, too.
+    smoothed: bool,
+}
+
+/// What a wrench is held against at any time.
+struct Reference {
     truth: Dynamics,
     nominal: Dynamics,
     baselines: [BaselineEstimator; 2],
     still: Vec<bool>,
     /// Motion without lag at each instant of the recording: `[coordinate][instant]`.
     motion: Vec<Vec<JointMotion>>,
-    smoothed: bool,
 }
 
 impl Scorer {
@@ -244,55 +251,93 @@ impl Scorer {
             let k = s.nominal_axes.k_counts_per_nm;
             (Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, k), s.nominal_axes.bias_counts, k)
         });
-        Self {
-            tracker: MotionTracker::new(rig, model),
-            stage: Stage::of_model(rig, model),
+        let reference = Reference {
             truth: dynamics.clone(),
             nominal: dynamics,
             baselines: [BaselineEstimator::new(five.collect()), BaselineEstimator::new(nominal.collect())],
             still: still_instants(&recording.at_ns, &recording.positions_rad),
             motion,
-            smoothed,
-        }
+        };
+        let (tracker, stage) =
+            (MotionTracker::new(rig, model), Stage::of_model(rig, model).taken_for_proven());
+        Self { tracker, stage, reference, smoothed }
     }
 
-    /// The next snapshot of the recording, with the baselines' wrenches.
-    fn instant(&mut self, snapshot: &Snapshot, recording: &Recording) -> (Row, [Option<Vector6<f64>>; 2]) {
-        let index = recording.at_ns.binary_search(&snapshot.instant_ns).ok();
-        let lagless: Option<Vec<JointMotion>> =
-            index.map(|i| self.motion.iter().map(|column| column[i]).collect());
-        let causal = self.tracker.advance(snapshot, &mut self.stage);
-        let estimate = match &lagless {
-            Some(motion) if self.smoothed => self.stage.estimate(snapshot, motion, Status::GOOD),
-            _ => causal,
-        };
-        let t_s = (snapshot.instant_ns - recording.start_ns) as f64 * 1e-9;
-        let truth = truth(&mut self.truth, recording, t_s, lagless.as_deref());
-        let baselines = match estimate.outcome {
+    /// The next snapshot of the recording; each row that is ready, with the baselines' errors.
+    fn push(
+        &mut self,
+        snapshot: &Snapshot,
+        recording: &Recording,
+        mut out: impl FnMut(&Row, [Option<Vector6<f64>>; 2]),
+    ) {
+        let Self { tracker, stage, reference, smoothed } = self;
+        let lagless = reference.motion_at(recording, snapshot.instant_ns).filter(|_| *smoothed);
+        let mut ready = |estimate: &Estimate, snapshot: &Snapshot, motion: &[JointMotion]| {
             // The baselines know the arm as its URDF has it, at the encoders' positions.
-            Ok(_) => {
-                let smooth = lagless.as_deref().filter(|_| self.smoothed);
-                update(&mut self.nominal, smooth.unwrap_or(self.tracker.motion()));
-                self.baselines.each_mut().map(|b| b.estimate(&self.nominal, snapshot))
-            }
-            Err(_) => [None, None],
+            let errors = match estimate.outcome {
+                Ok(_) => reference.baseline_errors(recording, snapshot, motion),
+                Err(_) => [None, None],
+            };
+            out(&reference.row(estimate.clone(), recording), errors);
         };
-        let still = index.is_some_and(|i| self.still[i]);
-        (Row { t_s, estimate, truth, still }, baselines)
+        match lagless {
+            Some(motion) => ready(&stage.estimate(snapshot, &motion, Status::GOOD), snapshot, &motion),
+            None => tracker.advance(snapshot, stage, |instant| {
+                ready(&instant.estimate, instant.snapshot, instant.motion);
+            }),
+        }
     }
 }
 
-fn truth(
-    dynamics: &mut Dynamics,
-    recording: &Recording,
-    t_s: f64,
-    motion: Option<&[JointMotion]>,
-) -> Wrench<Tip> {
-    let reference = recording.reference.as_ref().and_then(|r| r.at(t_s)).unwrap_or_else(Wrench::zero);
-    let body = recording.loads.at(t_s);
-    let Some(motion) = motion.filter(|_| body.mass_kg != 0.0) else { return reference };
-    update(dynamics, motion);
-    reference + dynamics.payload_wrench(&body)
+impl Reference {
+    fn row(&mut self, estimate: Estimate, recording: &Recording) -> Row {
+        let at_ns = estimate.instant_ns;
+        let after = recording.at_ns.partition_point(|t_ns| *t_ns < at_ns);
+        let still = self.still.get(after).copied().unwrap_or(false);
+        Row { t_s: seconds(at_ns, recording), truth: self.truth(recording, at_ns), still, estimate }
+    }
+
+    fn truth(&mut self, recording: &Recording, at_ns: i64) -> Wrench<Tip> {
+        let t_s = seconds(at_ns, recording);
+        let reference = recording.reference.as_ref().and_then(|r| r.at(t_s)).unwrap_or_else(Wrench::zero);
+        let body = recording.loads.at(t_s);
+        if body.mass_kg == 0.0 {
+            return reference;
+        }
+        let Some(motion) = self.motion_at(recording, at_ns) else { return reference };
+        update(&mut self.truth, &motion);
+        reference + self.truth.payload_wrench(&body)
+    }
+
+    fn baseline_errors(
+        &mut self,
+        recording: &Recording,
+        snapshot: &Snapshot,
+        motion: &[JointMotion],
+    ) -> [Option<Vector6<f64>>; 2] {
+        update(&mut self.nominal, motion);
+        let truth = self.truth(recording, snapshot.instant_ns).to_vector();
+        self.baselines.each_mut().map(|b| Some(b.estimate(&self.nominal, snapshot)? - truth))
+    }
+
+    /// Motion without lag, between the instants of the recording by a straight line.
+    fn motion_at(&self, recording: &Recording, at_ns: i64) -> Option<Vec<JointMotion>> {
+        let after = recording.at_ns.partition_point(|t_ns| *t_ns < at_ns);
+        let after_ns = *recording.at_ns.get(after)?;
+        if after_ns == at_ns {
+            return Some(self.motion.iter().map(|column| column[after]).collect());
+        }
+        let before = after.checked_sub(1)?;
+        let step_ns = after_ns - recording.at_ns[before];
+        let share = (at_ns - recording.at_ns[before]) as f64 / step_ns as f64;
+        let between = |column: &Vec<JointMotion>| column[before].towards(&column[after], share);
+        (step_ns <= LONGEST_STEP_NS).then(|| self.motion.iter().map(between).collect())
+    }
+}
+
+/// Time from the log's first frame, s.
+fn seconds(at_ns: i64, recording: &Recording) -> f64 {
+    (at_ns - recording.start_ns) as f64 * 1e-9
 }
 
 fn update(dynamics: &mut Dynamics, motion: &[JointMotion]) {

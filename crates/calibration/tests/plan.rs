@@ -85,6 +85,7 @@ fn recording(rig: &Rig, truth: &Truth, holds: &[Hold], seed: u64) -> Recording {
         loads: loads.clone(),
         push: Push::none(),
         reference: None,
+        warming: None,
     };
     let options = Options { seed, ..Options::default() };
     let simulator = Simulator::new(rig, truth.clone(), &scenario, options).unwrap();

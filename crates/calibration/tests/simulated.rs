@@ -3,11 +3,12 @@
 
 use std::path::{Path, PathBuf};
 
-use wrenchd_calibration::{Axes, Calibration, Recording, calibrate};
+use wrenchd_calibration::{Axes, Calibration, Keep, Recording, calibrate};
 
 use rig::run::Exclude;
-use rig::{Config, Rig};
+use rig::{Config, Rig, Run};
 use sim::motion::MotionLimits;
+use sim::output::{Notes, write_run};
 use sim::scenario::{CalibrationPlan, Scenario};
 use sim::{Options, Simulator, Truth};
 
@@ -114,6 +115,34 @@ fn fifty_calibrations_are_as_uncertain_as_they_say() {
         let one = rms(&of_one);
         println!("parameter {k}: {one:.3}");
         assert!((0.7..=1.4).contains(&one), "parameter {k}: {one}");
+    }
+}
+
+/// A recording that is too long for memory: fewer of its instants say the same, only less surely.
+#[test]
+fn a_thinned_recording_calibrates_as_surely_as_it_says() {
+    let rig = arm();
+    let truth = Truth::draw(&rig, 9, 0.003);
+    let folder = tempfile::tempdir().unwrap();
+    let (dir, options) = (folder.path().join("run"), Options { seed: 9, ..Options::default() });
+    write_run(&dir, &rig, &truth, &scenario(&rig, 9), options, &Notes::default(), &mut |_| true).unwrap();
+    let run = Run::load(&dir).unwrap();
+    let whole = Recording::read(&run, &rig, |_| {}).unwrap();
+    let most = whole.len() / 3;
+    // Its loads reach to the end of the log, which may not be among what is kept.
+    let thinned = Recording::read_some(&run, &rig, Keep::Spread(most), |_| {}).unwrap();
+    assert!((most / 2..=most).contains(&thinned.len()), "{} of {}", thinned.len(), whole.len());
+    assert_eq!(thinned.end_ns, whole.end_ns);
+    let minutes = Recording::read_some(&run, &rig, Keep::Stretches(most), |_| {}).unwrap();
+    assert!(minutes.len() <= most && minutes.end_ns == whole.end_ns);
+    let found = calibrated(&rig, &thinned);
+    let errors = normalised_errors(&found, &truth).concat();
+    assert!(errors.iter().all(|error| error.abs() < 4.5), "{errors:?}");
+    assert!(found.warnings[0].contains("too long to be held in memory"), "{:?}", found.warnings);
+    // One reading is as noisy as it was.
+    for (few, all) in found.model.sensors.iter().zip(&calibrated(&rig, &whole).model.sensors) {
+        let ratio = few.noise_floor_counts / all.noise_floor_counts;
+        assert!((0.9..1.1).contains(&ratio), "{}: {ratio}", few.name);
     }
 }
 

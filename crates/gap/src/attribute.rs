@@ -4,15 +4,16 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::bootstrap::{Bootstrap, quantile, weighted};
 use crate::candidates::{Choice, sum_of_difference, without};
-use crate::diagnosis::{Finding, Parameter};
+use crate::diagnosis::{Evidence, Finding, Parameter, SensorGap};
 use crate::doubt::exceeds;
 use crate::effects::{CATALOGUE, Fitted, Place, Role};
 use crate::fit::{Design, Fold};
 use crate::library::{Library, TermId};
 use crate::refine::shape_sigma;
-use crate::select::Search;
+use crate::select::{Search, WORTH};
 
 /// An outer fold with what was chosen on its training blocks.
+#[derive(Clone)]
 pub(crate) struct Chosen {
     pub(crate) fold: Fold,
     pub(crate) terms: Vec<TermId>,
@@ -26,6 +27,10 @@ pub(crate) struct Subsets {
 
 /// Share of what goes away on left-out units that an effect must account for to be listed.
 const LEAST_SHARE: f64 = 0.01;
+
+/// Share of an effect's part that may be left of it since real forms differ from the catalogue's (a power law from an exponential,
+/// a loop with round corners from a play).
+const REMAINDER: f64 = 0.08;
 
 impl Subsets {
     /// Fits every subset in every outer fold.
@@ -56,12 +61,44 @@ impl Subsets {
         &self.residuals[self.residuals.len() - 1]
     }
 
-    /// The effect that helps least, if that is next to nothing.
-    pub(crate) fn failing(&self) -> Option<usize> {
+    /// The effect that helps least, if that is next to nothing: a share of what goes away, but where noise is known never more than a
+    /// fraction of one channel's noise, or a large gap would hide the others.
+    pub(crate) fn failing(&self, library: &Library<'_>) -> Option<usize> {
         let values = (0..self.effects.len()).map(|bit| (self.shapley(bit).iter().sum::<f64>(), bit));
         let (value, bit) = values.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let all: f64 = self.before().iter().zip(self.after()).map(|(before, after)| before - after).sum();
-        (value <= LEAST_SHARE * all.max(0.0)).then_some(bit)
+        let share = LEAST_SHARE * all.max(0.0);
+        let session = library.session;
+        let least = if session.hold_out.is_even.is_empty() {
+            share
+        } else {
+            share.min(WORTH * library.counts.iter().sum::<f64>() / session.channels.len().max(1) as f64)
+        };
+        (value <= least).then_some(bit)
+    }
+
+    /// The effect that adds least to others on the same channels, if that is no more than what is usually left of an effect whose form
+    /// is not quite the catalogue's; only where noise is known.
+    pub(crate) fn remainder(&self, library: &Library<'_>, terms: &[TermId]) -> Option<usize> {
+        if library.session.hold_out.is_even.is_empty() {
+            return None;
+        }
+        let channels = |bit: usize| -> BTreeSet<usize> {
+            let own =
+                terms.iter().map(|id| &library.terms[*id]).filter(|term| term.effect == self.effects[bit]);
+            own.flat_map(|term| term.channels.iter().copied()).collect()
+        };
+        let bits = 0..self.effects.len();
+        let all = self.residuals.len() - 1;
+        let sum = |mask: usize| self.residuals[mask].iter().sum::<f64>();
+        let remainders = bits.clone().filter_map(|bit| {
+            let own = channels(bit);
+            let others = bits.clone().filter(|other| *other != bit && !channels(*other).is_disjoint(&own));
+            let shared: f64 = others.map(|other| self.shapley(other).iter().sum::<f64>()).sum();
+            let adds = sum(all & !(1 << bit)) - sum(all);
+            (adds < REMAINDER * shared).then_some((adds, bit))
+        });
+        remainders.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, bit)| bit)
     }
 
     /// Per block the Shapley value of an effect's part in the fall of the squared residual (L. Shapley, A value for n-person
@@ -83,24 +120,29 @@ impl Subsets {
 }
 
 /// Effects chosen on everything that may be used and in at least half of the outer folds.
-pub(crate) fn established(library: &Library<'_>, main: &Choice, chosen: &[Chosen]) -> Vec<usize> {
+pub(crate) fn established(library: &Library<'_>, main: &[TermId], chosen: &[Chosen]) -> Vec<usize> {
     let of = |terms: &[TermId]| terms.iter().map(|id| library.terms[*id].effect).collect::<BTreeSet<usize>>();
     let often = |effect: &usize| {
         2 * chosen.iter().filter(|part| of(&part.terms).contains(effect)).count() >= chosen.len()
     };
-    of(&main.terms).into_iter().filter(often).collect()
+    of(main).into_iter().filter(often).collect()
 }
 
 /// Effects that explain left-out data as well as this one, and how sure it is that none of the others does better.
 pub(crate) struct Rivals {
     pub(crate) indistinguishable: Vec<usize>,
-    pub(crate) confidence: f64,
+    pub(crate) evidence: Evidence,
 }
 
 /// A rival explains at least this share of what the effect explains, and cannot be told from it by drawing blocks ...
 const NEAR: f64 = 0.85;
 /// ... or at least this share, whatever the draws say.
 const AS_GOOD: f64 = 0.94;
+
+/// Share of draws in which what does better with many more parameters may fail to.
+const BETTER: f64 = 0.1;
+/// Share of an effect's gain by which another may be ahead for nothing: a calibration's errors look like a little of everything.
+const NOTHING: f64 = 0.003;
 
 /// Puts every other effect into the place of this one, term by term, and as a whole.
 pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usize) -> Rivals {
@@ -115,16 +157,20 @@ pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usi
         let gain = sum_of_difference(&base, main).max(0.0);
         total += gain;
         let freedom = search.library.terms[main.terms[index]].freedom();
+        let worth = worth(search, main, index, gain);
         for (_, id) in search.rivals_of(&rest, main.terms[index], |other| !taken.contains(&other)) {
             let term = &search.library.terms[id];
             let (rival, free) = (term.effect, term.freedom());
             let other = search.choice(rest.iter().copied().chain([id]).collect());
-            // What needs many more parameters to do the same is no rival.
-            if free <= 2 * freedom + 1
-                && is_as_good(search, main, &other, gain)
+            // What needs many more parameters to do the same is no rival, but what clearly does better is.
+            let is_simple = free <= 2 * freedom + 1;
+            let other = if is_simple { with_own_shapes(search, main, other, worth) } else { other };
+            let is_rival = (is_simple
+                && is_as_good(search, main, &other, worth)
                 && (search.library.session.hold_out.is_even.is_empty()
-                    || exceeds(search.library, &other.terms, rest.len(), &search.training.blocks))
-            {
+                    || exceeds(search.library, &other.terms, rest.len(), &search.training.blocks)))
+                || is_better(search, main, &other, gain);
+            if is_rival {
                 *as_good.entry(rival).or_default() += gain;
             }
         }
@@ -137,13 +183,61 @@ pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usi
         .filter(|(rival, other)| !indistinguishable.contains(rival) && other.terms.len() <= main.terms.len())
         .map(|(_, other)| other)
         .collect();
+    own.iter().for_each(|index| others.extend(search.elsewhere(main, *index)));
     let rest = main.terms.iter().copied().filter(|id| search.library.terms[*id].effect != effect).collect();
-    others.push(search.choice(rest));
-    let wins = search.bootstrap.distribution(|counts| {
+    let without = sum_of_difference(&search.choice(rest), main);
+    let leads = search.bootstrap.distribution(|counts| {
         let own = weighted(counts, &main.residual);
-        Some(f64::from(u8::from(others.iter().all(|other| weighted(counts, &other.residual) > own))))
+        let behind = |other: &Choice| weighted(counts, &other.residual) - own + NOTHING * without;
+        others.iter().map(behind).min_by(f64::total_cmp)
     });
-    Rivals { indistinguishable, confidence: (wins.iter().sum::<f64>() / wins.len().max(1) as f64).min(0.99) }
+    let all = sum_of_difference(&search.choice(Vec::new()), main);
+    let evidence = Evidence {
+        marginal: without / all.max(f64::MIN_POSITIVE),
+        lead: if leads.is_empty() { 1.0 } else { quantile(&leads, 0.5) / without.max(f64::MIN_POSITIVE) },
+        wins: leads.iter().filter(|lead| **lead > 0.0).count() as f64 / leads.len().max(1) as f64,
+        lead_sigmas: lead_sigmas(&leads),
+        freedom: own.iter().map(|index| search.library.terms[main.terms[*index]].freedom()).sum(),
+        ..Evidence::default()
+    };
+    Rivals { indistinguishable, evidence }
+}
+
+/// What a term explains, as the measure of what a rival may lack. Where noise is known that is what it adds to the others. Where it is not,
+/// what is left are errors of all forms together, and a term that shares its part with others would be measured by theirs: then
+/// the mean of what it explains after the others and before them counts (Shapley's value of two).
+fn worth(search: &mut Search<'_, '_, '_>, main: &Choice, index: usize, gain: f64) -> f64 {
+    if !search.library.session.hold_out.is_even.is_empty() {
+        return gain;
+    }
+    let nothing = search.choice(Vec::new());
+    let alone = search.choice(vec![main.terms[index]]);
+    gain.max(0.5 * (gain + sum_of_difference(&nothing, &alone)))
+}
+
+/// A rival that explains at least this share has its own and the other terms' shapes fitted beside it ...
+const MAY_BE: f64 = 0.5;
+
+/// ... as they were fitted beside the effect: else it is judged by what suits the other.
+fn with_own_shapes(search: &mut Search<'_, '_, '_>, main: &Choice, rival: Choice, gain: f64) -> Choice {
+    let reached = gain - sum_of_difference(&rival, main);
+    if !(MAY_BE * gain..AS_GOOD * gain).contains(&reached) {
+        return rival;
+    }
+    let rival = search.better_shapes(rival);
+    search.refined(rival, 0)
+}
+
+/// Lead over its spread; a large number where nobody is behind it.
+fn lead_sigmas(leads: &[f64]) -> f64 {
+    let spread = (quantile(leads, 0.84) - quantile(leads, 0.16)) / 2.0;
+    if spread > 0.0 { quantile(leads, 0.5) / spread } else { 10.0 }
+}
+
+/// Whether `other` leaves less than `main` by more than the calibration's own errors may do, nearly however blocks are drawn.
+fn is_better(search: &Search<'_, '_, '_>, main: &Choice, other: &Choice, gain: f64) -> bool {
+    let ahead: Vec<f64> = main.residual.iter().zip(&other.residual).map(|(a, b)| a - b).collect();
+    ahead.iter().sum::<f64>() > NOTHING * gain && search.bootstrap.quantile_of_sum(&ahead, BETTER) > 0.0
 }
 
 /// Whether `other` reaches (nearly) the gain of `main`.
@@ -181,6 +275,7 @@ pub(crate) fn describe(
         share: 0.0,
         share_ci95: [0.0; 2],
         confidence: 0.0,
+        evidence: Evidence::default(),
         parameters: BTreeMap::new(),
         indistinguishable_from: Vec::new(),
         words: String::new(),
@@ -237,6 +332,15 @@ pub(crate) fn describe(
         }
     }
     finding
+}
+
+/// Names of channels, those first whose gap shrinks most over its scale.
+pub(crate) fn order(names: &mut [String], sensors: &[SensorGap]) {
+    let fall = |name: &String| {
+        let own = sensors.iter().find(|sensor| sensor.name == *name);
+        own.map_or(0.0, |own| own.before * own.before - own.after * own.after)
+    };
+    names.sort_by(|a, b| fall(b).total_cmp(&fall(a)));
 }
 
 /// Adds a place's names to the finding; gives the one that tells it from other places.

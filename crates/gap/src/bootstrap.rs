@@ -25,6 +25,11 @@ impl Bootstrap {
         Self { draws: (0..DRAWS).map(draw).collect() }
     }
 
+    /// How often every block was drawn, draw by draw.
+    pub(crate) fn draws(&self) -> &[Vec<u16>] {
+        &self.draws
+    }
+
     /// A statistic of weighted sums, for every draw, in ascending order; draws without a value are left out.
     pub(crate) fn distribution(&self, mut statistic: impl FnMut(&[u16]) -> Option<f64>) -> Vec<f64> {
         let mut values: Vec<f64> = self.draws.iter().filter_map(|counts| statistic(counts)).collect();

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::effects::CATALOGUE;
+use crate::effects::{CATALOGUE, Place};
 use crate::fit::Fold;
 use crate::library::{Library, TermId};
 
@@ -12,23 +12,31 @@ pub(crate) struct Candidates {
 }
 
 impl Candidates {
-    /// All terms of the testable effects.
-    pub(crate) fn all(library: &mut Library<'_>, mut tell: impl FnMut(usize)) -> Self {
+    /// All terms of the testable effects but those `without`, by index.
+    pub(crate) fn all(library: &mut Library<'_>, without: &[usize], mut tell: impl FnMut(usize)) -> Self {
         let mut shapes = BTreeMap::new();
         for (effect, entry) in CATALOGUE.iter().enumerate() {
             tell(effect);
-            if entry.missing(library.session).is_some() {
+            if without.contains(&effect) || entry.missing(library.session).is_some() {
                 continue;
             }
             for (number, place) in entry.places(library.session).into_iter().enumerate() {
-                let terms: Vec<TermId> = entry
-                    .shapes(library.session, place)
-                    .iter()
-                    .filter_map(|shape| library.term(effect, place, shape))
-                    .collect();
+                let terms = of_site(library, effect, place);
                 if !terms.is_empty() {
                     shapes.insert((effect, number), terms);
                 }
+            }
+        }
+        Self { shapes }
+    }
+
+    /// Terms of these effects at these places only.
+    pub(crate) fn at(library: &mut Library<'_>, sites: &[(usize, Place)]) -> Self {
+        let mut shapes = BTreeMap::new();
+        for (number, &(effect, place)) in sites.iter().enumerate() {
+            let terms = of_site(library, effect, place);
+            if !terms.is_empty() {
+                shapes.insert((effect, number), terms);
             }
         }
         Self { shapes }
@@ -38,6 +46,12 @@ impl Candidates {
     pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, &[TermId])> {
         self.shapes.iter().map(|((effect, _), terms)| (*effect, terms.as_slice()))
     }
+}
+
+/// Terms of an effect at a place, one a shape.
+fn of_site(library: &mut Library<'_>, effect: usize, place: Place) -> Vec<TermId> {
+    let shapes = CATALOGUE[effect].shapes(library.session, place);
+    library.terms_of(effect, place, &shapes)
 }
 
 /// Blocks to choose on, in folds.

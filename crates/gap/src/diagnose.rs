@@ -3,11 +3,13 @@
 use crate::attribute::{self, Chosen, Subsets};
 use crate::bootstrap::Bootstrap;
 use crate::candidates::{Candidates, Choice, Training, sum_of_difference};
-use crate::diagnosis::{Diagnosis, NotTestable};
-use crate::effects::CATALOGUE;
+use crate::diagnosis::{Diagnosis, Evidence, NotTestable};
+use crate::effects::{CATALOGUE, Place, by_id};
 use crate::folds;
+use crate::generic::{Generic, REFUTES};
 use crate::library::{Library, TermId};
 use crate::location;
+use crate::loops;
 use crate::measure::Measure;
 use crate::refine::refine;
 use crate::select::Search;
@@ -15,18 +17,26 @@ use crate::session::Session;
 use crate::words;
 use std::collections::BTreeSet;
 
-/// A fold's choice gives way to that of all data if this explains at least so much of what it does on the fold's own training data.
+/// A fold's choice gives way to the effects and places of all data, in shapes of its own, if these explain at least so much of
+/// what it does on its training data.
 const ALIKE: f64 = 0.97;
 
 /// Where a session's gap lies, which effects cause it, and how far it shrinks on what was left out.
 ///
 /// `tell(done, of)` is called now and then.
 #[must_use]
-pub fn diagnose(session: &Session, mut tell: impl FnMut(u64, u64)) -> Diagnosis {
+pub fn diagnose(session: &Session, tell: impl FnMut(u64, u64)) -> Diagnosis {
+    diagnose_without(session, &[], tell)
+}
+
+/// The same with these effects taken out of the catalogue: what is said of a cause that it does not know.
+#[must_use]
+pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMut(u64, u64)) -> Diagnosis {
+    let without: Vec<usize> = without.iter().filter_map(|id| by_id(id)).collect();
     let outer = folds::outer(&session.hold_out);
     let steps = (CATALOGUE.len() + outer.len() + 3) as u64;
     let mut library = Library::new(session);
-    let candidates = Candidates::all(&mut library, |effect| tell(effect as u64, steps));
+    let candidates = Candidates::all(&mut library, &without, |effect| tell(effect as u64, steps));
     let bootstrap = Bootstrap::new(session.blocks());
     let mut done = CATALOGUE.len() as u64;
     let mut step = || {
@@ -56,48 +66,56 @@ pub fn diagnose(session: &Session, mut tell: impl FnMut(u64, u64)) -> Diagnosis 
         (training, choice)
     });
     step();
+    let own_effects: Vec<BTreeSet<usize>> =
+        chosen.iter().map(|part| part.terms.iter().map(|id| library.terms[*id].effect).collect()).collect();
     for (part, (training, own)) in chosen.iter_mut().zip(&trainings) {
         let mut search =
             Search { library: &mut library, candidates: &candidates, training, bootstrap: &bootstrap };
+        if search.are_same_sites(&own.terms, &main.terms) {
+            continue;
+        }
         let nothing = search.choice(Vec::new());
-        let same = search.choice(main.terms.clone());
+        let same = search.reshaped(&main.terms);
         // Where effects look alike, chance must not name another one in every part of the data.
         if sum_of_difference(&nothing, &same) >= ALIKE * sum_of_difference(&nothing, own) {
-            part.terms.clone_from(&main.terms);
+            part.terms = same.terms;
         }
     }
-    add_events(&library, &main, &mut chosen);
-    let mut effects = attribute::established(&library, &main, &chosen);
-    let mut notes = session.notes.clone();
-    let subsets = loop {
-        chosen
-            .iter_mut()
-            .for_each(|part| part.terms.retain(|id| effects.contains(&library.terms[*id].effect)));
-        let subsets = Subsets::new(&library, &chosen, &effects);
-        let Some(bit) = subsets.failing() else { break subsets };
-        let id = CATALOGUE[effects.remove(bit)].id();
-        notes.push(format!("{id} seemed to help on what was fitted, but did not on what was left out"));
-    };
+    add_events(&mut library, &main, &mut chosen);
+    let mut kept = Kept { terms: main.terms, effects: Vec::new(), notes: session.notes.clone() };
+    let generic = Generic::new(session);
+    let subsets = kept.establish(&library, &mut chosen, &bootstrap, generic.as_ref());
+    let Kept { terms, effects, mut notes } = kept;
     let mut search =
         Search { library: &mut library, candidates: &candidates, training: &training, bootstrap: &bootstrap };
-    let kept =
-        main.terms.iter().copied().filter(|id| effects.contains(&search.library.terms[*id].effect)).collect();
-    let main = search.choice(kept);
-    let located = location::locate(search.library, &chosen);
+    let main = search.choice(terms);
+    let mut located = location::locate(search.library, &chosen);
     let measure = Measure::new(search.library, &subsets, &chosen, &located.floors, &bootstrap);
+    let left = location::by_block(search.library, &chosen);
     let mut findings = Vec::with_capacity(effects.len());
     for (bit, &effect) in effects.iter().enumerate() {
         let rivals = attribute::rivals(&mut search, &main, effect);
         let mut finding = attribute::describe(search.library, &main.terms, effect, &training.blocks);
         let value = subsets.shapley(bit);
         (finding.share, finding.share_ci95) = measure.share(&value);
-        finding.confidence = rivals.confidence;
+        let own = main.terms.iter().map(|id| &search.library.terms[*id]).filter(|term| term.effect == effect);
+        let channels: BTreeSet<usize> = own.flat_map(|term| term.channels.clone()).collect();
+        finding.evidence = Evidence { chosen: often(&own_effects, effect), ..rivals.evidence };
+        finding.evidence.see(&located.location.sensors, &channels);
+        if let Some(generic) = &generic {
+            let channels: Vec<usize> = channels.into_iter().collect();
+            finding.evidence.wandering = generic.lead(session, &channels, &left, &bootstrap);
+        }
+        finding.confidence = finding.evidence.confidence();
         finding.indistinguishable_from =
             rivals.indistinguishable.iter().map(|rival| CATALOGUE[*rival].id().to_owned()).collect();
-        finding.words = words::of_finding(&finding, effect);
+        attribute::order(&mut finding.sensors, &located.location.sensors);
+        let place = main.terms.iter().map(|id| &search.library.terms[*id]).find(|term| term.effect == effect);
+        finding.words = words::of_finding(&finding, effect, place.map_or(Place::Base, |term| term.place));
         findings.push(finding);
     }
     findings.sort_by(|a, b| b.share.total_cmp(&a.share));
+    located.location.loops = loops::of(session, &findings, &located.left);
     step();
     let verdict = measure.verdict();
     notes.extend(measure.note());
@@ -111,6 +129,106 @@ pub fn diagnose(session: &Session, mut tell: impl FnMut(u64, u64)) -> Diagnosis 
         location: located.location,
         hold_out: session.hold_out.words.clone(),
         notes,
+    }
+}
+
+/// Share of these choices that hold an effect.
+fn often(choices: &[BTreeSet<usize>], effect: usize) -> f64 {
+    choices.iter().filter(|own| own.contains(&effect)).count() as f64 / choices.len().max(1) as f64
+}
+
+/// What is left of a choice after everything that speaks against it.
+struct Kept {
+    terms: Vec<TermId>,
+    effects: Vec<usize>,
+    notes: Vec<String>,
+}
+
+impl Kept {
+    /// Takes away what most parts of the data did not choose, what does not help on what was left out, and what a model that knows
+    /// no physics foretells better.
+    fn establish(
+        &mut self,
+        library: &Library<'_>,
+        chosen: &mut [Chosen],
+        bootstrap: &Bootstrap,
+        generic: Option<&Generic>,
+    ) -> Subsets {
+        self.effects = attribute::established(library, &self.terms, chosen);
+        loop {
+            self.terms.retain(|id| self.effects.contains(&library.terms[*id].effect));
+            for part in chosen.iter_mut() {
+                part.terms.retain(|id| self.effects.contains(&library.terms[*id].effect));
+            }
+            let subsets = Subsets::new(library, chosen, &self.effects);
+            if let Some(bit) = subsets.remainder(library, &self.terms) {
+                let id = CATALOGUE[self.effects.remove(bit)].id();
+                self.notes.push(format!("{id} would take up a little of what a larger effect leaves on the same gauges: a form that is not quite the catalogue's"));
+            } else if let Some(bit) = subsets.failing(library) {
+                let id = CATALOGUE[self.effects.remove(bit)].id();
+                let note =
+                    format!("{id} seemed to help on what was fitted, but did not on what was left out");
+                self.notes.push(note);
+            } else if let Some(bit) = self.uncertain_event(library, chosen, bootstrap) {
+                let id = CATALOGUE[self.effects.remove(bit)].id();
+                self.notes.push(format!(
+                    "{id} seemed to be there for a while, but not for certain on the seconds that were left out"
+                ));
+            } else if !generic.is_some_and(|generic| self.outdone(library, chosen, generic, bootstrap)) {
+                return subsets;
+            }
+        }
+    }
+
+    /// An event that may as well be noise.
+    fn uncertain_event(
+        &self,
+        library: &Library<'_>,
+        chosen: &[Chosen],
+        bootstrap: &Bootstrap,
+    ) -> Option<usize> {
+        let is_uncertain = |effect: &usize| {
+            let is_own = |id: TermId| library.terms[id].effect == *effect;
+            let own = || self.terms.iter().filter(|id| is_own(**id));
+            own().all(|id| library.terms[*id].is_event())
+                && !crate::refit::is_sure(library, chosen, is_own, bootstrap)
+        };
+        self.effects.iter().position(is_uncertain)
+    }
+
+    /// Takes terms away where the generic model is better; whether there were any.
+    fn outdone(
+        &mut self,
+        library: &Library<'_>,
+        chosen: &mut [Chosen],
+        generic: &Generic,
+        bootstrap: &Bootstrap,
+    ) -> bool {
+        let session = library.session;
+        let after = location::by_block(library, chosen);
+        let site = |id: &TermId| (library.terms[*id].effect, library.terms[*id].place);
+        let mut outdone = Vec::new();
+        for id in &self.terms {
+            let term = &library.terms[*id];
+            let lead = generic.lead(session, &term.channels, &after, bootstrap);
+            if lead <= REFUTES {
+                continue;
+            }
+            outdone.push(site(id));
+            let names: Vec<&str> = term.channels.iter().map(|k| session.channels[*k].name.as_str()).collect();
+            self.notes.push(format!(
+                "{} of {} is not the cause: a zero and a scale that wander foretell {:.0} % more of the gap there; something that \
+                 changes with time in its own way",
+                CATALOGUE[term.effect].id(),
+                names.join(", "),
+                100.0 * lead
+            ));
+        }
+        self.terms.retain(|id| !outdone.contains(&site(id)));
+        chosen.iter_mut().for_each(|part| part.terms.retain(|id| !outdone.contains(&site(id))));
+        let has_terms = |effect: &usize| self.terms.iter().any(|id| library.terms[*id].effect == *effect);
+        self.effects.retain(has_terms);
+        !outdone.is_empty()
     }
 }
 
@@ -128,9 +246,9 @@ fn select(
     (choice, terms)
 }
 
-/// What exists in one unit only cannot be chosen where that unit is left out: there it is taken from the choice on everything,
-/// and its size from the unit's even seconds.
-fn add_events(library: &Library<'_>, main: &Choice, chosen: &mut [Chosen]) {
+/// What exists in one unit only (a contact, a limit that is reached) cannot be chosen where that unit is left out: there it is
+/// taken from the choice on everything, and its size from the unit's even seconds.
+fn add_events(library: &mut Library<'_>, main: &Choice, chosen: &mut [Chosen]) {
     let units = &library.session.hold_out.unit_of_block;
     for part in chosen {
         let left_out: BTreeSet<usize> = part.fold.score.iter().map(|block| units[*block]).collect();
@@ -141,10 +259,12 @@ fn add_events(library: &Library<'_>, main: &Choice, chosen: &mut [Chosen]) {
                 let other = &library.terms[*other];
                 (other.effect, other.place) == (term.effect, term.place)
             };
-            if own.any(|unit| left_out.contains(&unit)) && !part.terms.iter().any(site) {
+            let is_unseen = own.any(|unit| left_out.contains(&unit)) || !library.shows(*id, &part.fold.fit);
+            if is_unseen && !part.terms.iter().any(site) {
                 part.terms.push(*id);
             }
         }
+        library.prepare(&part.terms, &part.terms);
     }
 }
 

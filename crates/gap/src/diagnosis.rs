@@ -93,9 +93,35 @@ pub struct Finding {
     pub indistinguishable_from: Vec<String>,
     /// It all in a sentence.
     pub words: String,
+    /// What the confidence was made of.
+    #[serde(skip)]
+    pub evidence: Evidence,
     /// What a calibrated model would have to be told; empty where the effect cannot be compensated by it.
     #[serde(skip)]
     pub compensations: Vec<crate::effects::Compensation>,
+}
+
+/// What speaks for a finding.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Evidence {
+    /// Share of the draws in which it explains more than every rival (those said to be alike apart).
+    pub wins: f64,
+    /// How much more it explains than its best rival (those said to be alike apart), over what it explains, median of the draws.
+    pub lead: f64,
+    /// That lead over its spread.
+    pub lead_sigmas: f64,
+    /// What leaving it out would cost, over what all findings explain.
+    pub marginal: f64,
+    /// Share of the gap by which a model that knows no physics is better on its channels; 0 where it is not.
+    pub wandering: f64,
+    /// Share of the reducible gap of its channels that all findings explain.
+    pub explained: f64,
+    /// Gap of its channels beyond the noise, RMS over it.
+    pub excess: f64,
+    /// Share of the parts of the data in which the effect was chosen by itself.
+    pub chosen: f64,
+    /// Number of parameters fitted and searched.
+    pub freedom: usize,
 }
 
 /// A parameter with its standard deviation.
@@ -123,6 +149,10 @@ pub struct NotTestable {
 pub struct Location {
     /// By channel.
     pub sensors: Vec<SensorGap>,
+    /// By channel and joint.
+    pub sensor_by_joint: Vec<SensorByJoint>,
+    /// Where a quantity rises beside where it falls, for findings that depend on it.
+    pub loops: Vec<Loop>,
     /// By time, temperature, joint angle, speed and the like.
     #[serde(flatten)]
     pub profiles: BTreeMap<String, Vec<Bin>>,
@@ -147,6 +177,19 @@ pub struct SensorGap {
     pub unit: String,
 }
 
+/// How much of a channel's gap goes with a joint's angle.
+#[derive(Debug, Clone, Serialize)]
+pub struct SensorByJoint {
+    /// The channel.
+    pub sensor: String,
+    /// The joint.
+    pub joint: String,
+    /// Share of the mean square gap that lies in its means over intervals of the angle (the correlation ratio), as simulated.
+    pub before: f64,
+    /// The same of what is left with what was found.
+    pub after: f64,
+}
+
 /// The gap where a quantity lies in an interval.
 #[derive(Debug, Clone, Serialize)]
 pub struct Bin {
@@ -162,4 +205,32 @@ pub struct Bin {
     pub before: f64,
     /// RMS over scales, with what was found.
     pub after: f64,
+}
+
+/// What is left of a channel where a quantity rises, beside where it falls.
+#[derive(Debug, Clone, Serialize)]
+pub struct Loop {
+    /// The channel.
+    pub sensor: String,
+    /// The quantity: the channel's own simulated signal, or a joint.
+    pub over: String,
+    /// Its unit.
+    pub unit: String,
+    /// Intervals of it, in ascending order.
+    pub points: Vec<LoopPoint>,
+}
+
+/// Means over an interval, over the channel's scale; none where it hardly ever moved that way.
+#[derive(Debug, Clone, Serialize)]
+pub struct LoopPoint {
+    /// Mean of the quantity.
+    pub at: f64,
+    /// As simulated, rising.
+    pub rising_before: Option<f64>,
+    /// As simulated, falling.
+    pub falling_before: Option<f64>,
+    /// With what was found, rising.
+    pub rising_after: Option<f64>,
+    /// With what was found, falling.
+    pub falling_after: Option<f64>,
 }

@@ -6,9 +6,10 @@
 
 use std::collections::HashMap;
 use std::ops::Range;
-use std::rc::Rc;
+use std::sync::Arc;
 
 use crate::effects::{CATALOGUE, Column, Place, Role, Shape};
+use crate::parallel;
 use crate::session::Session;
 
 /// So many times its plausible range no parameter is.
@@ -29,9 +30,9 @@ pub(crate) struct Term {
     pub(crate) columns: Vec<Heading>,
     /// Channels that it touches, ascending.
     pub(crate) channels: Vec<usize>,
-    own: Rc<Products>,
+    own: Arc<Products>,
     /// Per block and column the product with the gap.
-    pub(crate) gap: Rc<Vec<f64>>,
+    pub(crate) gap: Arc<Vec<f64>>,
 }
 
 /// A column without its values.
@@ -64,22 +65,62 @@ impl Term {
         self.columns.iter().any(|column| column.unit_only.is_some())
     }
 
+    /// Whether its shape alone gives its size, from the simulation alone.
+    pub(crate) fn is_prediction(&self) -> bool {
+        CATALOGUE[self.effect].is_foretold() && self.columns.iter().all(|column| column.role == Role::Pinned)
+    }
+
     pub(crate) fn touches(&self, other: &Self) -> bool {
         self.channels.iter().any(|channel| other.channels.contains(channel))
     }
 }
 
-/// Products of the columns of two terms: per block a matrix, row by row.
+/// Products of the columns of two terms: per block a matrix, row by row, from the first block in which any is not 0 to the last.
 #[derive(Debug)]
 pub(crate) struct Products {
     rows: usize,
     columns: usize,
+    first: usize,
     values: Vec<f64>,
 }
 
 impl Products {
+    fn new(rows: usize, columns: usize, values: &[f64]) -> Self {
+        let size = (rows * columns).max(1);
+        let is_shown = |block: &[f64]| block.iter().any(|value| *value != 0.0);
+        let first = values.chunks(size).position(is_shown).unwrap_or(0);
+        let end = values.chunks(size).rposition(is_shown).map_or(first, |last| last + 1);
+        Self { rows, columns, first, values: values[first * size..end * size].to_vec() }
+    }
+
     pub(crate) fn at(&self, block: usize, row: usize, column: usize) -> f64 {
-        self.values[(block * self.rows + row) * self.columns + column]
+        let Some(block) = block.checked_sub(self.first) else { return 0.0 };
+        self.values.get((block * self.rows + row) * self.columns + column).copied().unwrap_or(0.0)
+    }
+}
+
+/// A column's values over its channels' scales.
+#[derive(Debug)]
+pub(crate) struct Values {
+    pub(crate) parts: Vec<Part>,
+}
+
+/// What a column adds to one channel, from the first row at which it shows to the last: an event shows in few.
+#[derive(Debug)]
+pub(crate) struct Part {
+    pub(crate) channel: usize,
+    pub(crate) first: usize,
+    pub(crate) values: Vec<f64>,
+}
+
+impl Part {
+    fn rows(&self) -> Range<usize> {
+        self.first..self.first + self.values.len()
+    }
+
+    /// Its values at rows within its own.
+    fn at(&self, rows: &Range<usize>) -> &[f64] {
+        &self.values[rows.start - self.first..rows.end - self.first]
     }
 }
 
@@ -95,8 +136,8 @@ pub(crate) struct Library<'a> {
     /// Per block the number of values (instants times channels).
     pub(crate) counts: Vec<f64>,
     known: HashMap<(usize, Place, Vec<u64>), Option<TermId>>,
-    pairs: HashMap<(TermId, TermId), Rc<Products>>,
-    kept: HashMap<TermId, Rc<Vec<Column>>>,
+    pairs: HashMap<(TermId, TermId), Arc<Products>>,
+    kept: HashMap<TermId, Arc<Vec<Values>>>,
     kept_bytes: usize,
     /// Terms of the simulation's own uncertainty, each of standard deviation one.
     pub(crate) doubts: Vec<TermId>,
@@ -130,7 +171,9 @@ impl<'a> Library<'a> {
         };
         for index in 0..session.doubts.len() {
             let columns = library.doubt(index);
-            let id = library.add(DOUBT, Place::Base, &[index as f64], columns);
+            let shape = [index as f64];
+            let made = Made::of_columns(session, &library.spans, DOUBT, Place::Base, &shape, columns);
+            let id = made.map(|made| library.add(made));
             library.doubts.extend(id);
         }
         library
@@ -154,14 +197,62 @@ impl<'a> Library<'a> {
     }
 
     fn make(&mut self, effect: usize, place: Place, shape: &[f64]) -> Option<TermId> {
-        let columns = scaled(self.session, CATALOGUE[effect].columns(self.session, place, shape));
-        self.add(effect, place, shape, columns)
+        let made = Made::new(self.session, &self.spans, effect, place, shape)?;
+        Some(self.add(made))
     }
 
-    fn add(&mut self, effect: usize, place: Place, shape: &[f64], columns: Vec<Column>) -> Option<TermId> {
+    /// The terms of an effect at a place, one a shape that shows in this data.
+    pub(crate) fn terms_of(&mut self, effect: usize, place: Place, shapes: &[Shape]) -> Vec<TermId> {
+        let mut ids = Vec::with_capacity(shapes.len());
+        for some in shapes.chunks(TOGETHER) {
+            let (session, spans) = (self.session, &self.spans);
+            let made = parallel::map(some, |shape| Made::new(session, spans, effect, place, shape));
+            for (shape, made) in some.iter().zip(made) {
+                let key = (effect, place, shape.iter().map(|v| v.to_bits()).collect());
+                let known = self.known.get(&key).copied();
+                let id = known.unwrap_or_else(|| made.map(|made| self.add(made)));
+                self.known.insert(key, id);
+                ids.extend(id);
+            }
+        }
+        ids
+    }
+
+    fn add(&mut self, made: Made) -> TermId {
+        let id = self.terms.len();
+        self.terms.push(made.term);
+        self.keep(id, made.columns);
+        id
+    }
+}
+
+/// Terms that are made at a time: their columns are all in memory.
+const TOGETHER: usize = 32;
+
+/// A term with its columns.
+struct Made {
+    term: Term,
+    columns: Vec<Values>,
+}
+
+impl Made {
+    fn new(session: &Session, spans: &[Span], effect: usize, place: Place, shape: &[f64]) -> Option<Self> {
+        let columns = scaled(session, CATALOGUE[effect].columns(session, place, shape));
+        Self::of_columns(session, spans, effect, place, shape, columns)
+    }
+
+    /// Nothing where a column does not show, or has no values.
+    fn of_columns(
+        session: &Session,
+        spans: &[Span],
+        effect: usize,
+        place: Place,
+        shape: &[f64],
+        columns: Vec<Column>,
+    ) -> Option<Self> {
         let informative = |column: &Column| {
             let size = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
-            column.parts.iter().map(|(_, v)| size(v)).sum::<f64>() > 1e-18 * self.session.rows() as f64
+            column.parts.iter().map(|(_, v)| size(v)).sum::<f64>() > 1e-18 * session.rows() as f64
         };
         let finite = |column: &Column| column.parts.iter().all(|(_, v)| v.iter().all(|x| x.is_finite()));
         if columns.is_empty() || !columns.iter().all(|c| informative(c) && finite(c)) {
@@ -178,65 +269,80 @@ impl<'a> Library<'a> {
             unit_only: c.unit_only,
             range: [if c.is_positive { 0.0 } else { -IMPLAUSIBLE * c.plausible }, IMPLAUSIBLE * c.plausible],
         };
-        let own = products(self.session, &self.spans, &columns, &columns);
-        let gap = with_gap(self.session, &self.spans, &columns);
-        let id = self.terms.len();
-        self.terms.push(Term {
+        let headings = columns.iter().map(heading).collect();
+        let columns = trimmed(columns);
+        let term = Term {
             effect,
             place,
             shape: shape.to_vec(),
-            columns: columns.iter().map(heading).collect(),
+            columns: headings,
             channels,
-            own: Rc::new(own),
-            gap: Rc::new(gap),
-        });
-        self.keep(id, columns);
-        Some(id)
+            own: Arc::new(products(session, spans, &columns, &columns)),
+            gap: Arc::new(with_gap(session, spans, &columns)),
+        };
+        Some(Self { term, columns })
     }
+}
 
-    fn keep(&mut self, id: TermId, columns: Vec<Column>) -> Rc<Vec<Column>> {
-        let bytes: usize = columns.iter().flat_map(|c| c.parts.iter().map(|(_, v)| v.len() * 8)).sum();
+impl Library<'_> {
+    fn keep(&mut self, id: TermId, columns: Vec<Values>) {
+        let bytes: usize =
+            columns.iter().flat_map(|c| c.parts.iter().map(|part| part.values.len() * 8)).sum();
         // What touches several channels comes from the arm's dynamics and costs most to compute again.
         let is_dear = columns.iter().any(|column| column.parts.len() > 1);
-        let columns = Rc::new(columns);
         if self.kept_bytes + bytes <= if is_dear { KEPT_BYTES } else { KEPT_BYTES / 3 } {
             self.kept_bytes += bytes;
-            self.kept.insert(id, columns.clone());
+            self.kept.insert(id, Arc::new(columns));
         }
-        columns
     }
 
     /// A term's columns over their channels' scales.
-    pub(crate) fn columns(&self, id: TermId) -> Rc<Vec<Column>> {
+    pub(crate) fn columns(&self, id: TermId) -> Arc<Vec<Values>> {
         if let Some(columns) = self.kept.get(&id) {
             return columns.clone();
         }
         let term = &self.terms[id];
         if term.effect == DOUBT {
-            return Rc::new(self.doubt(term.shape[0] as usize));
+            return Arc::new(trimmed(self.doubt(term.shape[0] as usize)));
         }
-        Rc::new(scaled(self.session, CATALOGUE[term.effect].columns(self.session, term.place, &term.shape)))
+        let columns = CATALOGUE[term.effect].columns(self.session, term.place, &term.shape);
+        Arc::new(trimmed(scaled(self.session, columns)))
     }
 
     /// Makes sure that the products of these pairs are known; pairs without a common channel have none.
     pub(crate) fn prepare(&mut self, some: &[TermId], others: &[TermId]) {
-        for &a in some {
-            let mut columns = None;
-            for &b in others {
-                let key = (a.min(b), a.max(b));
-                if a == b || self.pairs.contains_key(&key) || !self.terms[a].touches(&self.terms[b]) {
-                    continue;
-                }
-                let columns = columns.get_or_insert_with(|| self.columns(a)).clone();
-                let other = self.columns(b);
-                let (first, second) = if a < b { (columns, other) } else { (other, columns) };
-                self.pairs.insert(key, Rc::new(products(self.session, &self.spans, &first, &second)));
-            }
-        }
+        let is_missing = |a: TermId, b: TermId| {
+            a != b && !self.pairs.contains_key(&(a.min(b), a.max(b))) && self.terms[a].touches(&self.terms[b])
+        };
+        let of = |a: &TermId| (*a, others.iter().copied().filter(|b| is_missing(*a, *b)).collect());
+        let missing: Vec<(TermId, Vec<TermId>)> =
+            some.iter().map(of).filter(|(_, with): &(TermId, Vec<TermId>)| !with.is_empty()).collect();
+        let mut used: Vec<TermId> = missing.iter().flat_map(|(_, with)| with.iter().copied()).collect();
+        used.sort_unstable();
+        used.dedup();
+        let columns: HashMap<TermId, Arc<Vec<Values>>> =
+            used.iter().copied().zip(parallel::map(&used, |b| self.columns(*b))).collect();
+        let found = parallel::map(&missing, |(a, with)| {
+            let own = self.columns(*a);
+            let pair = |b: &TermId| {
+                let other = &columns[b];
+                let (first, second) = if a < b { (&own, other) } else { (other, &own) };
+                ((*a.min(b), *a.max(b)), Arc::new(products(self.session, &self.spans, first, second)))
+            };
+            with.iter().map(pair).collect::<Vec<_>>()
+        });
+        self.pairs.extend(found.into_iter().flatten());
+    }
+
+    /// Whether a term shows on any of these blocks: a limit that is not reached there does not.
+    pub(crate) fn shows(&self, id: TermId, blocks: &[usize]) -> bool {
+        let own = &self.terms[id].own;
+        let width = self.terms[id].width();
+        blocks.iter().any(|block| (0..width).any(|k| own.at(*block, k, k) > 0.0))
     }
 
     /// Product of two columns of terms in a block; the pair must be prepared.
-    pub(crate) fn pair(&self, a: TermId, b: TermId) -> Option<(Rc<Products>, bool)> {
+    pub(crate) fn pair(&self, a: TermId, b: TermId) -> Option<(Arc<Products>, bool)> {
         if a == b {
             return Some((self.terms[a].own.clone(), false));
         }
@@ -254,6 +360,20 @@ fn scaled(session: &Session, mut columns: Vec<Column>) -> Vec<Column> {
         }
     }
     columns
+}
+
+/// The columns without the rows before they first and after they last show.
+fn trimmed(columns: Vec<Column>) -> Vec<Values> {
+    let part = |(channel, mut values): (usize, Vec<f64>)| {
+        let shows = |value: &f64| *value != 0.0;
+        let first = values.iter().position(shows).unwrap_or(values.len());
+        let end = values.iter().rposition(shows).map_or(first, |last| last + 1);
+        if end - first < values.len() {
+            values = values[first..end].to_vec();
+        }
+        Part { channel, first, values }
+    };
+    columns.into_iter().map(|column| Values { parts: column.parts.into_iter().map(part).collect() }).collect()
 }
 
 /// Rows one after the other in one block.
@@ -287,34 +407,75 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     rest + sums.iter().sum::<f64>()
 }
 
-fn products(session: &Session, spans: &[Span], some: &[Column], others: &[Column]) -> Products {
+/// The rows of every block that lie in `rows`, with the block.
+fn within<'a>(spans: &'a [Span], rows: &'a Range<usize>) -> impl Iterator<Item = (usize, Range<usize>)> + 'a {
+    let first = spans.partition_point(|span| span.rows.end <= rows.start);
+    let here = spans[first..].iter().take_while(|span| span.rows.start < rows.end);
+    let cut = |span: &Span| (span.block, span.rows.start.max(rows.start)..span.rows.end.min(rows.end));
+    here.map(cut).filter(|(_, rows)| !rows.is_empty())
+}
+
+fn products(session: &Session, spans: &[Span], some: &[Values], others: &[Values]) -> Products {
     let (rows, columns, blocks) = (some.len(), others.len(), session.blocks());
     let mut values = vec![0.0; rows * columns * blocks];
     for (r, a) in some.iter().enumerate() {
         for (c, b) in others.iter().enumerate() {
-            for (channel, left) in &a.parts {
-                for (_, right) in b.parts.iter().filter(|(other, _)| other == channel) {
-                    for Span { block, rows: span } in spans {
-                        let sum = dot(&left[span.clone()], &right[span.clone()]);
-                        values[(block * rows + r) * columns + c] += sum;
+            for left in &a.parts {
+                for right in b.parts.iter().filter(|other| other.channel == left.channel) {
+                    let (own, other) = (left.rows(), right.rows());
+                    let both = own.start.max(other.start)..own.end.min(other.end);
+                    for (block, span) in within(spans, &both) {
+                        values[(block * rows + r) * columns + c] += dot(left.at(&span), right.at(&span));
                     }
                 }
             }
         }
     }
-    Products { rows, columns, values }
+    Products::new(rows, columns, &values)
 }
 
-fn with_gap(session: &Session, spans: &[Span], columns: &[Column]) -> Vec<f64> {
+fn with_gap(session: &Session, spans: &[Span], columns: &[Values]) -> Vec<f64> {
     let mut values = vec![0.0; columns.len() * session.blocks()];
     for (k, column) in columns.iter().enumerate() {
-        for (channel, part) in &column.parts {
-            let channel = &session.channels[*channel];
-            for Span { block, rows } in spans {
-                let sum = dot(&part[rows.clone()], &channel.gap[rows.clone()]);
+        for part in &column.parts {
+            let channel = &session.channels[part.channel];
+            for (block, rows) in within(spans, &part.rows()) {
+                let sum = dot(part.at(&rows), &channel.gap[rows.clone()]);
                 values[block * columns.len() + k] += sum / channel.scale;
             }
         }
     }
     values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_zero_outside_an_event_is_not_kept() {
+        let column = Column::of_parts("", "", 1.0, vec![(3, vec![0.0, 0.0, 2.0, 0.0, 5.0, 0.0])]);
+        let kept = trimmed(vec![column]);
+        let part = &kept[0].parts[0];
+        assert_eq!((part.channel, part.first, part.values.as_slice()), (3, 2, [2.0, 0.0, 5.0].as_slice()));
+        let nothing = trimmed(vec![Column::of_parts("", "", 1.0, vec![(0, vec![0.0; 4])])]);
+        assert!(nothing[0].parts[0].rows().is_empty());
+    }
+
+    #[test]
+    fn products_are_kept_of_the_blocks_that_show() {
+        let products = Products::new(1, 2, &[0.0, 0.0, 0.0, 3.0, 4.0, 0.0, 0.0, 0.0]);
+        assert_eq!(products.values.len(), 4);
+        let at = |block| [products.at(block, 0, 0), products.at(block, 0, 1)];
+        assert_eq!([at(0), at(1), at(2), at(3)], [[0.0, 0.0], [0.0, 3.0], [4.0, 0.0], [0.0, 0.0]]);
+        assert_eq!(Products::new(2, 2, &[0.0; 8]).at(1, 1, 1), 0.0);
+    }
+
+    #[test]
+    fn rows_are_cut_at_the_borders_of_blocks() {
+        let spans = spans(&[0, 0, 1, 1, 1, 0]);
+        let found: Vec<_> = within(&spans, &(1..4)).collect();
+        assert_eq!(found, [(0, 1..2), (1, 2..4)]);
+        assert_eq!((within(&spans, &(6..6)).count(), within(&spans, &(3..3)).count()), (0, 0));
+    }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::attribute::Chosen;
-use crate::diagnosis::{Bin, Location, Raw, SensorGap};
+use crate::diagnosis::{Bin, Location, Raw, SensorByJoint, SensorGap};
 use crate::fit::Design;
 use crate::library::Library;
 use crate::session::{Channel, Session};
@@ -16,10 +16,11 @@ pub(crate) struct Located {
     pub(crate) raw: Raw,
     /// Per channel the mean square over its scale that noise leaves.
     pub(crate) floors: Vec<f64>,
+    pub(crate) left: Residuals,
 }
 
 /// Per channel and row what is left over its scale; none where the row was not scored.
-type Residuals = Vec<Vec<Option<f64>>>;
+pub(crate) type Residuals = Vec<Vec<Option<f64>>>;
 
 /// Takes the gap of left-out rows apart.
 pub(crate) fn locate(library: &Library<'_>, chosen: &[Chosen]) -> Located {
@@ -53,7 +54,9 @@ pub(crate) fn locate(library: &Library<'_>, chosen: &[Chosen]) -> Located {
         .collect();
     let raw = pooled(&session.channels, &sensors);
     let profiles = profiles(session, &before, &after);
-    Located { location: Location { sensors, profiles }, raw, floors }
+    let sensor_by_joint = by_joint(session, &before, &after);
+    let location = Location { sensors, sensor_by_joint, loops: Vec::new(), profiles };
+    Located { location, raw, floors, left: after }
 }
 
 /// Time over which repeats are compared after taking out what differs between them at large (s): drift, creep and temperature do not
@@ -94,6 +97,19 @@ fn sensor(channel: &Channel, [before, after]: [f64; 2], floor: f64) -> SensorGap
     }
 }
 
+/// Squared residual that the chosen terms leave on left-out rows, by channel and block.
+pub(crate) fn by_block(library: &Library<'_>, chosen: &[Chosen]) -> Vec<Vec<f64>> {
+    let block_of_row = &library.session.hold_out.block_of_row;
+    let sums = |left: Vec<Option<f64>>| {
+        let mut sums = vec![0.0; library.session.blocks()];
+        for (value, block) in left.into_iter().zip(block_of_row) {
+            sums[*block] += value.map_or(0.0, |value| value * value);
+        }
+        sums
+    };
+    residuals(library, chosen).into_iter().map(sums).collect()
+}
+
 fn residuals(library: &Library<'_>, chosen: &[Chosen]) -> Residuals {
     let session = library.session;
     let mut out: Residuals = vec![vec![None; session.rows()]; session.channels.len()];
@@ -111,10 +127,12 @@ fn residuals(library: &Library<'_>, chosen: &[Chosen]) -> Residuals {
         for (index, id) in part.terms.iter().enumerate() {
             for (k, column) in library.columns(*id).iter().enumerate() {
                 let parameter = parameters[design.offsets[index] + k];
-                for (channel, values) in &column.parts {
-                    for &row in &rows {
-                        if let Some(left) = &mut out[*channel][row] {
-                            *left -= parameter * values[row];
+                for part in &column.parts {
+                    let first = rows.partition_point(|row| *row < part.first);
+                    let shown = rows[first..].iter().map(|row| (*row, row - part.first));
+                    for (row, value) in shown.map_while(|(row, k)| Some((row, part.values.get(k)?))) {
+                        if let Some(left) = &mut out[part.channel][row] {
+                            *left -= parameter * value;
                         }
                     }
                 }
@@ -168,6 +186,10 @@ fn profiles(session: &Session, before: &Residuals, after: &Residuals) -> BTreeMa
     for load in &session.loads {
         add("load", &load.name, "", &load.values, &every);
     }
+    for (index, channel) in session.channels.iter().enumerate().filter(|(_, channel)| channel.gauge.is_some())
+    {
+        add("load", &channel.name, &channel.unit, &channel.simulated, &[index]);
+    }
     for (index, joint) in session.joints.iter().enumerate() {
         let own: Vec<usize> =
             every.iter().copied().filter(|c| session.channels[*c].joint == Some(index)).collect();
@@ -177,7 +199,77 @@ fn profiles(session: &Session, before: &Residuals, after: &Residuals) -> BTreeMa
             add("speed", &joint.name, "rad/s", velocity, channels);
         }
     }
+    if let Some(bands) = frequencies(session, before, after) {
+        profiles.insert("frequency".to_owned(), bands);
+    }
+    let orders = crate::orders::bands(session, before, after);
+    if !orders.is_empty() {
+        profiles.insert("order".to_owned(), orders);
+    }
     profiles
+}
+
+/// Lowest frequency of the bands, Hz; each band is an octave.
+const LOWEST_HZ: f64 = 0.1;
+
+/// The gap by octaves of frequency, over all channels; none where there is no time or nothing above the lowest octave.
+fn frequencies(session: &Session, before: &Residuals, after: &Residuals) -> Option<Vec<Bin>> {
+    let nyquist_hz = 0.5 / session.step_s()?;
+    let octaves = (nyquist_hz / LOWEST_HZ).log2().floor().max(0.0) as i32;
+    let mut edges_hz = vec![0.0];
+    edges_hz.extend((0..=octaves).map(|k| LOWEST_HZ * 2.0_f64.powi(k)));
+    *edges_hz.last_mut().filter(|_| octaves > 0)? = nyquist_hz;
+    let of = |residuals: &Residuals| {
+        let mut sums = vec![0.0; edges_hz.len() - 1];
+        for left in residuals {
+            let values: Vec<f64> = left.iter().map(|value| value.unwrap_or(0.0)).collect();
+            let pieces: Vec<&[f64]> = session.segments.iter().map(|rows| &values[rows.clone()]).collect();
+            let bands = crate::spectrum::bands(&pieces, 2.0 * nyquist_hz, &edges_hz);
+            sums.iter_mut().zip(bands).for_each(|(sum, band)| *sum += band);
+        }
+        sums.into_iter().map(|sum| (sum / residuals.len().max(1) as f64).sqrt()).collect::<Vec<f64>>()
+    };
+    let (before, after) = (of(before), of(after));
+    let bin = |k: usize| Bin {
+        name: "frequency".to_owned(),
+        from: edges_hz[k],
+        to: edges_hz[k + 1],
+        unit: "Hz".to_owned(),
+        before: before[k],
+        after: after[k],
+    };
+    Some((0..before.len()).map(bin).collect())
+}
+
+/// How much of each channel's gap goes with each joint's angle.
+fn by_joint(session: &Session, before: &Residuals, after: &Residuals) -> Vec<SensorByJoint> {
+    let mut out = Vec::with_capacity(session.joints.len() * session.channels.len());
+    for joint in &session.joints {
+        let mut order: Vec<usize> = (0..session.rows()).collect();
+        order.sort_by(|a, b| joint.position_rad[*a].total_cmp(&joint.position_rad[*b]));
+        let intervals: Vec<&[usize]> = order.chunks(order.len().div_ceil(BINS).max(1)).collect();
+        for (index, channel) in session.channels.iter().enumerate() {
+            out.push(SensorByJoint {
+                sensor: channel.name.clone(),
+                joint: joint.name.clone(),
+                before: correlation_ratio(&before[index], &intervals),
+                after: correlation_ratio(&after[index], &intervals),
+            });
+        }
+    }
+    out
+}
+
+/// Share of the mean square that lies in the means over intervals of rows; 0 of nothing.
+fn correlation_ratio(values: &[Option<f64>], intervals: &[&[usize]]) -> f64 {
+    let (mut between, mut all) = (0.0, 0.0);
+    for rows in intervals {
+        let known = || rows.iter().filter_map(|row| values[*row]);
+        let (sum, squares) = known().fold((0.0, 0.0), |(sum, squares), v| (sum + v, squares + v * v));
+        between += sum * sum / known().count().max(1) as f64;
+        all += squares;
+    }
+    if all > 0.0 { between / all } else { 0.0 }
 }
 
 /// Intervals of a quantity with equally many scored rows.

@@ -1,14 +1,18 @@
 //! How large the gap is, how far it shrinks, and what that comes to.
 
 use crate::attribute::{self, Chosen, Subsets};
-use crate::bootstrap::Bootstrap;
+use crate::bootstrap::{Bootstrap, quantile, weighted};
 use crate::diagnosis::{Gap, Raw, Verdict};
 use crate::library::Library;
+use crate::refit;
 
 /// After at most so many floors, or with this shrink, a gap is explained.
 const NEAR_FLOOR: f64 = 1.15;
 const EXPLAINED: f64 = 0.9;
 const PARTLY: f64 = 0.3;
+/// A block stands out with so many times the mean square that is allowed, over so many values.
+const FAR: f64 = 5.0;
+const FEWEST_VALUES: f64 = 200.0;
 
 /// The gap on scored blocks, in sums of squares over the channels' scales.
 pub(crate) struct Measure<'a> {
@@ -21,6 +25,8 @@ pub(crate) struct Measure<'a> {
     /// Mean square up to which the gap may be nothing: noise as foretold, and the simulation's own uncertainty.
     allowed: f64,
     is_found: bool,
+    /// Per draw of the bootstrap what is left of the scored blocks, parameters fitted anew.
+    refitted: Vec<f64>,
     bootstrap: &'a Bootstrap,
 }
 
@@ -65,7 +71,8 @@ impl<'a> Measure<'a> {
         let told: f64 = session.channels.iter().map(|channel| channel.floor.powi(2)).sum();
         let allowed = floor.max(told / session.channels.len().max(1) as f64) + doubts / all;
         let is_found = !subsets.effects.is_empty() && floor > 0.0;
-        Self { before, after, reducible_blocks, values, floor, allowed, is_found, bootstrap }
+        let refitted = refit::left(library, chosen, &counts, bootstrap);
+        Self { before, after, reducible_blocks, values, floor, allowed, is_found, refitted, bootstrap }
     }
 
     /// Share of the reducible gap that an effect takes away, from its part of every block, with its interval of 95 %.
@@ -88,16 +95,42 @@ impl<'a> Measure<'a> {
         self.before.iter().zip(&self.after).map(|(b, a)| b - a).collect()
     }
 
-    /// Nothing beyond noise: the interval of the gap reaches down to the floor, and no effect stands out of it although the sum over
-    /// all channels does not show it. A gap of exactly nothing is none either.
+    /// Interval of 95 % of the shrink: the spread over draws about the estimate. A draw holds fewer different blocks to fit on than
+    /// there are, so that its middle is too low, but not its spread.
+    fn shrink_interval(&self, shrink: f64) -> [f64; 2] {
+        let of_draw = |(counts, left): (&Vec<u16>, &f64)| {
+            let reducible = weighted(counts, &self.reducible_blocks);
+            (reducible > 0.0).then(|| (weighted(counts, &self.before) - left) / reducible)
+        };
+        let mut draws: Vec<f64> =
+            self.bootstrap.draws().iter().zip(&self.refitted).filter_map(of_draw).collect();
+        draws.sort_by(f64::total_cmp);
+        [0.025, 0.975].map(|share| shrink + quantile(&draws, share) - quantile(&draws, 0.5))
+    }
+
+    /// Nothing beyond noise: the interval of the gap reaches down to the floor, and neither an effect nor a single block stands out
+    /// although the sum over all channels does not show it. A gap of exactly nothing is none either.
     fn is_noise(&self) -> bool {
         let lowest = attribute::interval(self.bootstrap, &self.before, &self.values)[0];
-        (!self.is_found && lowest <= self.allowed) || self.before.iter().all(|b| *b == 0.0)
+        (!self.is_found && lowest <= self.allowed && !self.stands_out())
+            || self.before.iter().all(|b| *b == 0.0)
+    }
+
+    /// Whether some block holds far more than noise and doubt: drawing blocks, few that hold everything may be missed.
+    fn stands_out(&self) -> bool {
+        let far = |(before, values): (&f64, &f64)| {
+            *values >= FEWEST_VALUES && *before > FAR * self.allowed * values
+        };
+        self.allowed > 0.0 && self.before.iter().zip(&self.values).any(far)
     }
 
     fn shrink(&self) -> Option<f64> {
-        (!self.is_noise() && self.reducible() > 0.0)
-            .then(|| self.removed().iter().sum::<f64>() / self.reducible())
+        if self.is_noise() { None } else { self.removed_share() }
+    }
+
+    /// Share of the reducible gap that goes away, whether or not there is more than noise; none where there is nothing to reduce.
+    pub(crate) fn removed_share(&self) -> Option<f64> {
+        (self.reducible() > 0.0).then(|| self.removed().iter().sum::<f64>() / self.reducible())
     }
 
     /// What it comes to.
@@ -120,9 +153,7 @@ impl<'a> Measure<'a> {
             after: self.rms(&self.after),
             floor: self.floor.sqrt(),
             shrink: self.shrink(),
-            shrink_ci95: self
-                .shrink()
-                .map(|_| attribute::interval(self.bootstrap, &self.removed(), &self.reducible_blocks)),
+            shrink_ci95: self.shrink().map(|shrink| self.shrink_interval(shrink)),
             raw,
         }
     }

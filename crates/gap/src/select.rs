@@ -42,7 +42,7 @@ const BEGINNINGS: usize = 3;
 const LEAST_OF_FOLD: f64 = 0.02;
 
 /// Mean square over its noise by which a channel must improve, at most.
-const WORTH: f64 = 0.05;
+pub(crate) const WORTH: f64 = 0.05;
 
 /// What a step brings.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -61,16 +61,35 @@ pub(crate) struct Search<'c, 'l, 's> {
     pub(crate) bootstrap: &'c Bootstrap,
 }
 
-/// The shape that explains most; of those that are as good the one with the fewest parameters.
-fn best_shape(screen: &Screen<'_, '_>, library: &Library<'_>, shapes: &[TermId]) -> Option<(f64, TermId)> {
+/// The shape that explains most; of those that are as good the one with the fewest parameters. What differs by more than is worth
+/// finding is not as good, however small a share of a large gap it is.
+fn best_shape(
+    screen: &Screen<'_, '_>,
+    library: &Library<'_>,
+    shapes: &[TermId],
+    worth: f64,
+) -> Option<(f64, TermId)> {
     let gains: Vec<(f64, TermId)> = shapes.iter().map(|id| (screen.gain(*id), *id)).collect();
     let most = gains.iter().map(|(gain, _)| *gain).max_by(f64::total_cmp)?;
     let within = if library.session.hold_out.is_even.is_empty() { 0.0 } else { EQUALLY_GOOD };
-    let as_good = gains.into_iter().filter(|(gain, _)| most - gain <= within * most.abs());
+    let as_good = gains.into_iter().filter(|(gain, _)| most - gain <= (within * most.abs()).min(worth));
     as_good.min_by(|a, b| {
         let freedom = |id: TermId| library.terms[id].freedom();
         freedom(a.1).cmp(&freedom(b.1)).then(b.0.total_cmp(&a.0))
     })
+}
+
+/// Blocks in which an effect must show to be judged by these alone: an even second and an odd one.
+const FEWEST_SHOWN: usize = 2;
+
+/// The quantile of the gains' sum over draws of those blocks in which anything changes: a prediction without a free size (a limit) cannot
+/// fit the noise of the few blocks that reach it, so that they are a test even where most draws of all blocks would hold few of them.
+fn quantile_where_shown(gains: &[f64], all: &Bootstrap, share: f64) -> f64 {
+    let shown: Vec<f64> = gains.iter().copied().filter(|gain| *gain != 0.0).collect();
+    if shown.len() < FEWEST_SHOWN || shown.len() == gains.len() {
+        return all.quantile_of_sum(gains, share);
+    }
+    Bootstrap::new(shown.len()).quantile_of_sum(&shown, share)
 }
 
 impl Search<'_, '_, '_> {
@@ -95,7 +114,7 @@ impl Search<'_, '_, '_> {
 
     /// The choice with the continuous parameters of its newest terms at their best: what a coarse shape leaves would else be
     /// taken for further effects.
-    fn refined(&mut self, choice: Choice, known: usize) -> Choice {
+    pub(crate) fn refined(&mut self, choice: Choice, known: usize) -> Choice {
         let terms = refine(self.library, self.candidates, &choice.terms, known, &self.training.blocks);
         let refined = self.choice(terms);
         if sum_of_difference(&choice, &refined) > 0.0 { refined } else { choice }
@@ -106,6 +125,27 @@ impl Search<'_, '_, '_> {
         self.library.prepare(&terms, &terms);
         let residual = Design::new(self.library, &terms).left_out(&self.training.folds);
         Choice { terms, residual }
+    }
+
+    /// Whether these are the same effects at the same places.
+    pub(crate) fn are_same_sites(&self, some: &[TermId], others: &[TermId]) -> bool {
+        let sites = |terms: &[TermId]| terms.iter().map(|id| self.site(*id)).collect::<BTreeSet<_>>();
+        sites(some) == sites(others)
+    }
+
+    /// The same effects at the same places, in the shapes that this training set asks for: what was left out of it has no say in
+    /// them. Only what it cannot show keeps its own: an event, a limit that is not reached there.
+    pub(crate) fn reshaped(&mut self, terms: &[TermId]) -> Choice {
+        let choice = self.choice(terms.to_vec());
+        let choice = self.better_shapes(choice);
+        let choice = self.refined(choice, 0);
+        let pairs = terms.iter().zip(choice.terms);
+        let own = |(given, fitted): (&TermId, TermId)| {
+            let shows = self.library.shows(*given, &self.training.blocks);
+            if self.library.terms[*given].is_event() || !shows { *given } else { fitted }
+        };
+        let terms = pairs.map(own).collect();
+        self.choice(terms)
     }
 
     fn effects(&self, terms: &[TermId]) -> BTreeSet<usize> {
@@ -128,7 +168,8 @@ impl Search<'_, '_, '_> {
         let all: Vec<TermId> = open.iter().flat_map(|shapes| shapes.iter().copied()).collect();
         self.library.prepare(&all, terms);
         let screen = Screen::new(self.library, terms, &self.training.blocks);
-        open.iter().filter_map(|shapes| best_shape(&screen, self.library, shapes)).collect()
+        let worth = self.worth();
+        open.iter().filter_map(|shapes| best_shape(&screen, self.library, shapes, worth)).collect()
     }
 
     fn site(&self, id: TermId) -> (usize, Place) {
@@ -218,6 +259,16 @@ impl Search<'_, '_, '_> {
         found
     }
 
+    /// The choice with a term of the same effect at the best of its other places; none where it has none.
+    pub(crate) fn elsewhere(&mut self, choice: &Choice, index: usize) -> Option<Choice> {
+        let own = self.library.terms[choice.terms[index]].clone();
+        let rest = without(&choice.terms, index);
+        let mut found = self.screened(&rest, |effect| effect == own.effect);
+        found.retain(|(gain, id)| *gain > 0.0 && self.library.terms[*id].place != own.place);
+        let (_, best) = found.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(self.choice(rest.into_iter().chain([best]).collect()))
+    }
+
     /// The choice with another effect, at as many places at most, instead of this one.
     pub(crate) fn replacements(&mut self, choice: &Choice, effect: usize) -> Vec<(usize, Choice)> {
         let (own, rest): (Vec<TermId>, Vec<TermId>) =
@@ -264,8 +315,13 @@ impl Search<'_, '_, '_> {
         if session.hold_out.is_even.is_empty() {
             return share * reducible;
         }
+        (share * reducible).min(self.worth())
+    }
+
+    /// A fraction of one channel's noise, as a fall of the squared residual.
+    fn worth(&self) -> f64 {
         let values: f64 = self.training.blocks.iter().map(|block| self.library.counts[*block]).sum();
-        (share * reducible).min(WORTH * values / session.channels.len().max(1) as f64)
+        WORTH * values / self.library.session.channels.len().max(1) as f64
     }
 
     /// Whether what `next` adds is more than noise and the simulation's own uncertainty make of nothing.
@@ -305,13 +361,17 @@ impl Search<'_, '_, '_> {
             News::Effect => (LEAST_SHARE, DOUBT, 3 * better >= 2 * asked),
             News::Place => (LEAST_SHARE_OF_PLACE, DOUBT_OF_PLACE, 2 * better >= asked),
         };
-        gains.iter().sum::<f64>() > self.least(least, reducible)
-            && most
-            && self.bootstrap.quantile_of_sum(&gains, doubt) > 0.0
+        let added = next.terms.iter().filter(|id| !now.terms.contains(id));
+        let quantile = if added.clone().all(|id| self.library.terms[*id].is_prediction()) {
+            quantile_where_shown(&gains, self.bootstrap, doubt)
+        } else {
+            self.bootstrap.quantile_of_sum(&gains, doubt)
+        };
+        gains.iter().sum::<f64>() > self.least(least, reducible) && most && quantile > 0.0
     }
 
     /// Tries the other shapes of every term.
-    fn better_shapes(&mut self, mut choice: Choice) -> Choice {
+    pub(crate) fn better_shapes(&mut self, mut choice: Choice) -> Choice {
         for index in 0..choice.terms.len() {
             let site = self.site(choice.terms[index]);
             let found = self.candidates.iter().find(|(_, shapes)| self.site(shapes[0]) == site);
@@ -319,7 +379,7 @@ impl Search<'_, '_, '_> {
             let others: Vec<TermId> = without(&choice.terms, index);
             self.library.prepare(shapes, &others);
             let screen = Screen::new(self.library, &others, &self.training.blocks);
-            let best = best_shape(&screen, self.library, shapes);
+            let best = best_shape(&screen, self.library, shapes, self.worth());
             let Some((_, id)) = best.filter(|(_, id)| *id != choice.terms[index]) else { continue };
             let mut terms = choice.terms.clone();
             terms[index] = id;

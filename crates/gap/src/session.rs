@@ -1,7 +1,7 @@
 //! What is compared, as columns over instants: measured minus simulated per channel, with what is known beside it.
 
-use std::cell::OnceCell;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 use model::chain::{Chain, Section};
 use model::spatial::{RigidBody, Tip, Wrench};
@@ -222,7 +222,7 @@ pub struct Session {
     /// What the reader should know about the data, one line each.
     pub notes: Vec<String>,
     /// What changes of the arm would change, computed when first asked for.
-    pub(crate) arm_columns: OnceCell<ArmColumns>,
+    pub(crate) arm_columns: OnceLock<ArmColumns>,
 }
 
 impl Session {

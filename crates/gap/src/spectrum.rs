@@ -30,6 +30,32 @@ pub(crate) fn lines_hz(pieces: &[&[f64]], step_s: f64, lowest_hz: f64, most: usi
     peaks(&power, first, most).into_iter().map(|bin| bin * bin_hz).collect()
 }
 
+/// Mean square of evenly sampled pieces (at `rate_hz`) that lies between neighbouring edges (Hz, ascending).
+pub(crate) fn bands(pieces: &[&[f64]], rate_hz: f64, edges_hz: &[f64]) -> Vec<f64> {
+    let mut sums = vec![0.0; edges_hz.len().saturating_sub(1)];
+    let values = pieces.iter().map(|piece| piece.len()).sum::<usize>().max(1) as f64;
+    for piece in pieces.iter().filter(|piece| piece.len() > 1) {
+        let size = piece.len().next_power_of_two();
+        let mut spectrum = vec![(0.0, 0.0); size];
+        for (k, value) in piece.iter().enumerate() {
+            // The mean square of J. von Hann's window is 3/8.
+            let window = (0.5 - 0.5 * (TAU * (k as f64 + 0.5) / piece.len() as f64).cos()) / 0.375_f64.sqrt();
+            spectrum[k].0 = value * window;
+        }
+        transform(&mut spectrum);
+        for (bin, (re, im)) in spectrum[..=size / 2].iter().enumerate() {
+            let hz = bin as f64 * rate_hz / size as f64;
+            let twice = if bin == 0 || bin == size / 2 { 1.0 } else { 2.0 };
+            // The last edge belongs to the last band.
+            let band = edges_hz.iter().skip(1).position(|edge| hz < *edge).or(sums.len().checked_sub(1));
+            if let Some(sum) = band.and_then(|band| sums.get_mut(band)) {
+                *sum += twice * (re * re + im * im) / size as f64;
+            }
+        }
+    }
+    sums.iter().map(|sum| sum / values).collect()
+}
+
 /// Local maxima that stand out of their neighbourhood, between bins, the strongest first.
 pub(crate) fn peaks(power: &[f64], first: usize, most: usize) -> Vec<f64> {
     let mut found: Vec<(f64, f64)> = Vec::new();
@@ -120,6 +146,21 @@ mod tests {
         assert!(found.len() == 1 && (found[0] - 49.987).abs() < 0.01, "{found:?}");
         let silent: Vec<f64> = (0..3000).map(noise).collect();
         assert_eq!(lines_hz(&[&silent], step_s, 3.0, 2), [0.0; 0]);
+    }
+
+    #[test]
+    fn bands_hold_the_mean_square_of_what_swings_in_them() {
+        let rate_hz = 100.0;
+        let piece: Vec<f64> = (0..5000)
+            .map(|k| {
+                2.0 * (TAU * 1.3 * f64::from(k) / rate_hz).sin() + (TAU * 20.0 * f64::from(k) / rate_hz).cos()
+            })
+            .collect();
+        let found = bands(&[&piece], rate_hz, &[0.0, 1.0, 2.0, 10.0, 50.0]);
+        for (found, expected) in found.iter().zip([0.0, 2.0, 0.0, 0.5]) {
+            assert!((found - expected).abs() < 0.02, "{found} for {expected}");
+        }
+        assert_eq!(bands(&[], rate_hz, &[0.0, 1.0]), [0.0]);
     }
 
     #[test]

@@ -2,23 +2,32 @@
 //!
 //! ```text
 //! frame + stamp -> Assembler -> snapshot -> MotionFilter per joint, Conditioner per gauge -> WrenchEstimator -> Estimate
+//! [filter] delay_s ...................... `lag`: an instant waits, and its motion is known from both sides
+//! [filter] cutoff_hz ................................................................................... `low_pass` on wrenches
 //! ```
 //!
 //! A function of the frames, their stamps and the model alone: no clock, so live and offline agree. Allocates at
 //! construction only.
 
+mod isolation;
+mod lag;
+mod low_pass;
+mod several;
 mod stage;
+mod stuck;
+mod tracker;
+mod window;
 
 pub use stage::{GaugeState, Stage};
+pub use tracker::{Instant, MotionTracker};
 
-use can::assembly::{Absence, Assembler, Snapshot};
+use can::assembly::Assembler;
 use can::frame::Stamped;
 use model::estimator::{NoWrench, Solution};
-use model::motion::{JointMotion, MotionFilter, RoundClock, Sampled};
+use model::motion::JointMotion;
 
 use crate::model_file::ModelFile;
 use crate::status::Status;
-use crate::tare::TareRefusal;
 use crate::{Rig, RigError};
 
 /// A wrench whose worst direction is less certain than this is flagged, N (moments over 0.1 m).
@@ -27,10 +36,10 @@ pub const UNCERTAIN_ABOVE_N: f64 = 1.0;
 /// A wrench whose worst direction is less certain than this is no answer at all, N (moments over 0.1 m).
 pub const INVALID_ABOVE_N: f64 = 10.0;
 
-/// A gauge with noise of its own that says exactly the same so many times in a row has stopped measuring.
+/// A gauge or encoder with noise of its own that says exactly the same so many times in a row has stopped measuring.
 pub const STUCK_AFTER: u32 = 5;
 
-/// Parity beyond this many standard deviations of a good arm's is flagged.
+/// Parity beyond this many standard deviations of a good arm's is flagged (squared, and as much more as there are spare gauges).
 pub const PARITY_LIMIT_SIGMA: f64 = 8.0;
 
 /// Wrench at one instant, or why there is none.
@@ -38,6 +47,8 @@ pub const PARITY_LIMIT_SIGMA: f64 = 8.0;
 pub struct Estimate {
     /// The instant it refers to, ns since the Unix epoch.
     pub instant_ns: i64,
+    /// By how much the newest instant that went into it is later, ns: zero without a `[filter]`.
+    pub delay_ns: i64,
     /// Stamp of the last frame that went into it, ns since the Unix epoch.
     pub last_stamp_ns: i64,
     /// Number of its round since the start.
@@ -59,6 +70,22 @@ pub enum Refusal {
     Estimator(NoWrench),
     /// The worst direction is less certain than [`INVALID_ABOVE_N`].
     TooUncertain,
+    /// A gauge is at fault, it is not clear which, and the error may be more than [`INVALID_ABOVE_N`].
+    Fault,
+    /// The gauges contradict each other in a way that no fault of a single one can explain, and by so much that a direction may be wrong by
+    /// more than [`INVALID_ABOVE_N`].
+    Contradiction,
+    /// Several sensors said what cannot be, one soon after the other.
+    SeveralAstray,
+    /// The gauges contradict each other and have done so since the start.
+    Unproven,
+}
+
+impl Refusal {
+    /// Whether zeros that drifted may be all that is wrong: then a tare is the remedy, not to be refused for it.
+    pub(crate) fn is_of_zeros(self) -> bool {
+        matches!(self, Self::Fault | Self::Contradiction | Self::Unproven)
+    }
 }
 
 impl std::fmt::Display for Refusal {
@@ -74,6 +101,19 @@ impl std::fmt::Display for Refusal {
             Self::TooUncertain => write!(
                 f,
                 "the usable gauges leave a direction uncertain by more than {INVALID_ABOVE_N} N in this pose"
+            ),
+            Self::Fault => write!(
+                f,
+                "a gauge is at fault and it is not clear yet which; the error may be more than {INVALID_ABOVE_N} N"
+            ),
+            Self::Contradiction => f.write_str(
+                "the gauges contradict each other in a way that no single fault explains: zeros that drifted (tare), another model, or something that touches the arm beside its tip",
+            ),
+            Self::SeveralAstray => f.write_str(
+                "several sensors said what cannot be, one soon after the other: frames are corrupted on their way, or several gauges or encoders fail",
+            ),
+            Self::Unproven => f.write_str(
+                "pose and counts have contradicted the model since the start: zeros that drifted (tare), joints that are not where they say, something that touches the arm, or another arm's model",
             ),
         }
     }
@@ -100,11 +140,7 @@ impl Cycle {
     /// Takes the next frame and hands each wrench that it completes to `out`, oldest first (mostly none or one).
     pub fn push(&mut self, frame: &Stamped, mut out: impl FnMut(&Estimate)) {
         for snapshot in self.assembler.push(frame) {
-            let estimate = self.tracker.advance(snapshot, &mut self.stage);
-            if let Err(refusal) = estimate.outcome {
-                self.stage.refuse_tare(TareRefusal::NoWrench(refusal));
-            }
-            out(&estimate);
+            self.tracker.advance(snapshot, &mut self.stage, |instant| out(&instant.estimate));
         }
     }
 
@@ -118,93 +154,13 @@ impl Cycle {
         &mut self.stage
     }
 
+    /// Motion of every coordinate as last tracked.
+    pub fn motion(&self) -> &[JointMotion] {
+        self.tracker.motion()
+    }
+
     /// What the assembler met so far.
     pub fn assembler(&self) -> &Assembler {
         &self.assembler
-    }
-}
-
-/// Motion of all coordinates from the joints of successive snapshots.
-#[derive(Clone, Debug)]
-pub struct MotionTracker {
-    clock: RoundClock,
-    filters: Vec<MotionFilter>,
-    velocity_sigmas: Vec<f64>,
-    motion: Vec<JointMotion>,
-}
-
-impl MotionTracker {
-    /// For the coordinates of a robot with the encoders of its model.
-    pub fn new(rig: &Rig, model: &ModelFile) -> Self {
-        let encoders: Vec<_> = (0..rig.chain.coordinates()).map(|k| model.encoder(k)).collect();
-        Self {
-            clock: RoundClock::default(),
-            filters: encoders.iter().map(|e| MotionFilter::new(e.position_sigma_rad)).collect(),
-            velocity_sigmas: encoders.iter().map(|e| e.velocity_sigma_rad_s.unwrap_or(f64::NAN)).collect(),
-            motion: vec![JointMotion::at_rest(0.0); encoders.len()],
-        }
-    }
-
-    /// Takes in a snapshot's joints; every coordinate's motion at its instant, with what to flag, or the first coordinate
-    /// that is not known.
-    pub fn track(&mut self, snapshot: &Snapshot) -> Result<(&[JointMotion], Status), usize> {
-        let round = self.clock.observe(snapshot.instant_ns, snapshot.cycles);
-        let mut status = Status::GOOD;
-        let mut unknown = None;
-        // Every filter is fed, whatever the others lack: a joint that comes back must find its neighbours warm.
-        for (k, filter) in self.filters.iter_mut().enumerate() {
-            let joint = &snapshot.joints[k];
-            let known = match joint.position {
-                Ok(position) => {
-                    // A delay of its own counts from its own stamp, with that stamp's scatter.
-                    let jitter_s = if position.age_ns == 0 { 0.0 } else { round.scatter_s };
-                    let at_ns = round.at_ns - position.age_ns;
-                    filter.measure(Sampled { at_ns, ..round }, jitter_s, position.value);
-                    if let Ok(velocity) = joint.velocity
-                        && velocity.at_ns == position.at_ns
-                        && self.velocity_sigmas[k].is_finite()
-                    {
-                        filter.measure_velocity(velocity.value, self.velocity_sigmas[k]);
-                    }
-                    true
-                }
-                // One lost frame: carried on from those before, with the uncertainty that brings.
-                Err(Absence::Missed | Absence::Repeated | Absence::WrongLength) => {
-                    status = status.with(Status::STALE);
-                    true
-                }
-                Err(_) => false,
-            };
-            match filter.motion(round).filter(|_| known) {
-                Some(motion) => self.motion[k] = motion,
-                None => unknown = unknown.or(Some(k)),
-            }
-        }
-        match unknown {
-            None => Ok((&self.motion, status)),
-            Some(k) => Err(k),
-        }
-    }
-
-    /// Motion of every coordinate as last tracked.
-    pub fn motion(&self) -> &[JointMotion] {
-        &self.motion
-    }
-
-    /// The wrench of the next snapshot.
-    pub fn advance(&mut self, snapshot: &Snapshot, stage: &mut Stage) -> Estimate {
-        match self.track(snapshot) {
-            Ok((motion, status)) => stage.estimate(snapshot, motion, status),
-            Err(coordinate) => {
-                let heard = stage.listen(snapshot);
-                Estimate {
-                    instant_ns: snapshot.instant_ns,
-                    last_stamp_ns: snapshot.last_stamp_ns,
-                    round: snapshot.round,
-                    outcome: Err(Refusal::JointUnknown(coordinate)),
-                    status: Status::INVALID.with(Status::STALE).with(heard),
-                }
-            }
-        }
     }
 }

@@ -18,10 +18,24 @@ const DAY_C: (f64, f64) = (19.0, 27.0);
 const DAY_CHANGE_K: f64 = 3.0;
 const DAY_TIME_S: (f64, f64) = (200.0, 600.0);
 
+/// Gauges warm up by different shares of what the arm does.
+const WARMTH_SHARE: (f64, f64) = (0.7, 1.3);
+
+/// What an arm warms up by (cools down, where negative) while one records: drives that are switched on, a hall's door.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Warming {
+    /// In the end, K.
+    pub change_k: f64,
+    /// Time after which two thirds of it are reached, s.
+    pub time_s: f64,
+}
+
 /// Temperature of every gauge (degC) over time.
 #[derive(Clone, Debug)]
 pub(crate) struct Climate {
     offsets_k: Vec<f64>,
+    /// Per gauge the share of the warm-up that it takes.
+    shares: Vec<f64>,
     room_c: f64,
     warm_up_k: f64,
     warm_up_time_s: f64,
@@ -31,7 +45,25 @@ impl Climate {
     pub(crate) fn new(gauges: usize, seed: u64) -> Self {
         let mut rng = stream(seed, Purpose::Climate);
         let offsets_k = (0..gauges).map(|_| rng.random_range(-SPREAD_K..SPREAD_K)).collect();
-        Self { offsets_k, room_c: ROOM_C, warm_up_k: WARM_UP_K, warm_up_time_s: WARM_UP_TIME_S }
+        Self {
+            offsets_k,
+            shares: vec![1.0; gauges],
+            room_c: ROOM_C,
+            warm_up_k: WARM_UP_K,
+            warm_up_time_s: WARM_UP_TIME_S,
+        }
+    }
+
+    /// An arm that warms up in its own way.
+    pub(crate) fn warming(gauges: usize, seed: u64, warming: Warming) -> Self {
+        let nominal = Self::new(gauges, seed);
+        let mut rng = stream(seed, Purpose::Day);
+        Self {
+            shares: (0..gauges).map(|_| rng.random_range(WARMTH_SHARE.0..WARMTH_SHARE.1)).collect(),
+            warm_up_k: warming.change_k,
+            warm_up_time_s: warming.time_s,
+            ..nominal
+        }
     }
 
     /// Some day in a hall: colder or warmer than others, and still changing.
@@ -52,6 +84,7 @@ impl Climate {
     /// Temperature of a gauge at an instant (s since the start), degC.
     pub(crate) fn at_c(&self, gauge: usize, t_s: f64) -> f64 {
         let warm_up_k = self.warm_up_k * -(-t_s / self.warm_up_time_s).exp_m1();
-        self.room_c + self.offsets_k.get(gauge).copied().unwrap_or(0.0) + warm_up_k
+        let share = self.shares.get(gauge).copied().unwrap_or(1.0);
+        self.room_c + self.offsets_k.get(gauge).copied().unwrap_or(0.0) + share * warm_up_k
     }
 }

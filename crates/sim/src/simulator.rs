@@ -107,9 +107,10 @@ impl Simulator {
             velocities_rad_s: vec![0.0; truth.encoders.len()],
         };
         Ok(Self {
-            climate: match &truth.imperfections {
-                Some(_) => Climate::some_day(truth.gauges.len(), options.seed),
-                None => Climate::new(truth.gauges.len(), options.seed),
+            climate: match (&truth.imperfections, scenario.warming) {
+                (_, Some(warming)) => Climate::warming(truth.gauges.len(), options.seed, warming),
+                (Some(_), None) => Climate::some_day(truth.gauges.len(), options.seed),
+                (None, None) => Climate::new(truth.gauges.len(), options.seed),
             },
             contacts: truth.effects.contacts(rig, scenario),
             faults: truth.effects.states(rig, &truth, &mut stream(options.seed, Purpose::Effects)),

@@ -3,7 +3,8 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    calibrate, check, daemon, demo, diagnose, dump, monitor, plan, record, replay, simulate, stats, validate,
+    calibrate, check, completions, daemon, demo, diagnose, dump, mcap, monitor, plan, record, replay,
+    simulate, stats, validate,
 };
 
 /// End-effector wrench from joint torque sensors: calibrate, check, record, replay, simulate
@@ -35,6 +36,8 @@ pub enum Command {
     Replay(replay::Args),
     /// Record live interfaces into a run directory
     Record(record::Args),
+    /// Write raw CAN and the wrench, live or from a recording, into one MCAP file for Foxglove and PlotJuggler
+    Mcap(mcap::Args),
     /// The poses and weights to record next, given what is already known
     Plan(plan::Args),
     /// Live terminal view of a running daemon: wrench, gauges, health
@@ -57,4 +60,6 @@ pub enum Command {
     Diagnose(diagnose::Args),
     /// Make a run directory from the simulator, with the truth beside it
     Simulate(simulate::Args),
+    /// Print what makes a shell complete commands and options
+    Completions(completions::Args),
 }

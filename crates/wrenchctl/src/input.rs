@@ -4,8 +4,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use can::candump::{Interfaces, LogReader};
-use can::replay::{Clock, Pace, Replay};
+use can::candump::{Interfaces, LogReader, ReadAhead};
 use can::source::{Batch, Poll, Source};
 use indicatif::{ProgressBar, ProgressStyle};
 use rig::Run;
@@ -21,19 +20,15 @@ pub struct Input {
 }
 
 enum Kind {
-    Live { source: Box<dyn Source>, names: Vec<String> },
-    Log { replay: Replay<NoClock>, bar: ProgressBar },
-}
-
-/// A log read as fast as possible asks for no time.
-#[derive(Debug)]
-struct NoClock;
-
-impl Clock for NoClock {
-    fn now_ns(&mut self) -> i64 {
-        0
-    }
-    fn sleep_until_ns(&mut self, _until_ns: i64) {}
+    Live {
+        source: Box<dyn Source>,
+        names: Vec<String>,
+    },
+    /// As fast as it can be read, on a thread of its own.
+    Log {
+        log: ReadAhead,
+        bar: ProgressBar,
+    },
 }
 
 impl Input {
@@ -41,7 +36,7 @@ impl Input {
     pub fn open(name: &str) -> Result<Self, Error> {
         if let Some(log) = log_of(name)? {
             let (reader, bar) = open_log(&log, Interfaces::learned())?;
-            return Ok(Self { kind: Kind::Log { replay: Replay::new(reader, Pace::Max, NoClock), bar } });
+            return Ok(Self { kind: Kind::Log { log: ReadAhead::new(reader), bar } });
         }
         let names: Vec<String> = name.split(',').map(str::to_owned).collect();
         match live::open(&names) {
@@ -62,7 +57,7 @@ impl Input {
     pub fn interface(&self, index: u8) -> &str {
         match &self.kind {
             Kind::Live { names, .. } => names.get(usize::from(index)).map_or("?", String::as_str),
-            Kind::Log { replay, .. } => replay.reader().interfaces().name(index),
+            Kind::Log { log, .. } => log.interfaces().name(index),
         }
     }
 
@@ -70,8 +65,8 @@ impl Input {
     pub fn poll(&mut self, batch: &mut Batch) -> Result<Poll, Error> {
         Ok(match &mut self.kind {
             Kind::Live { source, .. } => source.poll(batch, PATIENCE)?,
-            Kind::Log { replay, bar } => {
-                let poll = replay.poll(batch, Duration::ZERO);
+            Kind::Log { log, bar } => {
+                let poll = take(log, batch);
                 if !matches!(poll, Ok(Poll::Ready)) {
                     bar.finish_and_clear();
                 }
@@ -79,6 +74,18 @@ impl Input {
             }
         })
     }
+}
+
+/// The log's next events, as many as there is room for and no waiting is needed for.
+fn take(log: &mut ReadAhead, batch: &mut Batch) -> can::Result<Poll> {
+    batch.clear();
+    while batch.is_empty() || (batch.room() > 0 && !log.is_drained()) {
+        match log.next_event()? {
+            Some(event) => batch.push(event.into()),
+            None => return Ok(Poll::End),
+        };
+    }
+    Ok(Poll::Ready)
 }
 
 /// The log that is meant, or none where the name is an interface's.

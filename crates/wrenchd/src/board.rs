@@ -1,6 +1,6 @@
 //! The cycle's state beside the wrench, for whoever wants to look: every value an atomic, written by the cycle alone.
 
-use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 
 use can::assembly::Absence;
 use model::spatial::RigidBody;
@@ -24,6 +24,7 @@ struct Cell {
     counts: AtomicU64,
     residual: AtomicU64,
     shift: AtomicU64,
+    suspect: AtomicBool,
 }
 
 /// One gauge at the last instant.
@@ -31,6 +32,8 @@ struct Cell {
 pub struct GaugeReadback {
     /// What became of its reading.
     pub state: GaugeState,
+    /// Whether it may be at fault: the gauges disagree, and it is not clear which of them is wrong.
+    pub suspect: bool,
     /// Its last reading that was used, counts.
     pub counts: f64,
     /// Its part of the parity residual, in standard deviations.
@@ -39,11 +42,12 @@ pub struct GaugeReadback {
     pub zero_shift_counts: f64,
 }
 
-const STATES: [GaugeState; 11] = [
+const STATES: [GaugeState; 12] = [
     GaugeState::Absent(Absence::NeverSeen),
     GaugeState::Used,
     GaugeState::Stuck,
     GaugeState::NotTared,
+    GaugeState::Isolated,
     GaugeState::Absent(Absence::NotConfigured),
     GaugeState::Absent(Absence::Missed),
     GaugeState::Absent(Absence::Stale),
@@ -77,6 +81,7 @@ impl Board {
         for (k, cell) in self.gauges.iter().enumerate() {
             let state = STATES.iter().position(|state| *state == stage.gauge_states()[k]).unwrap_or(0);
             cell.state.store(state as u64, Ordering::Relaxed);
+            cell.suspect.store(stage.is_suspect(k), Ordering::Relaxed);
             if let Some(reading) = stage.used()[k] {
                 put(&cell.counts, reading.counts);
             }
@@ -105,6 +110,7 @@ impl Board {
     pub fn gauges(&self) -> impl ExactSizeIterator<Item = GaugeReadback> + '_ {
         self.gauges.iter().map(|cell| GaugeReadback {
             state: STATES[cell.state.load(Ordering::Relaxed) as usize],
+            suspect: cell.suspect.load(Ordering::Relaxed),
             counts: get(&cell.counts),
             residual_sigma: get(&cell.residual),
             zero_shift_counts: get(&cell.shift),

@@ -209,7 +209,7 @@ impl Engine {
                 let number = next(&mut self.sequence);
                 out(&match &self.newest {
                     None => self.nothing(number, Why::NothingYet, now),
-                    Some(newest) if age_ns(newest, now) > self.stale_after_ns => {
+                    Some(newest) if age_ns(newest, now) - newest.estimate.delay_ns > self.stale_after_ns => {
                         self.nothing(number, Why::Stale, now)
                     }
                     Some(newest) => record(number, newest, now),

@@ -11,6 +11,7 @@
 //! | outputs inside the cycle | [`output`] |
 //! | everybody else: a ring that the cycle never waits for, and counters | [`feed`], [`health`] |
 //! | the thread with its real-time rights | `realtime`, `runner` |
+//! | command line | [`arguments`] |
 //! | start, signals, reload, service manager, log | `service` |
 //!
 //! Two threads matter: the cycle, which does nothing but turn, and the main thread, which supervises. What goes from
@@ -26,6 +27,7 @@ extern crate self as wrenchd;
 #[path = "../tests/common/mod.rs"]
 mod common;
 
+pub mod arguments;
 pub mod board;
 pub mod command;
 pub mod control;

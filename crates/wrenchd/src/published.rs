@@ -56,7 +56,7 @@ const TRIANGLE: usize = 21;
 
 impl Published {
     /// Number of words that a record is.
-    pub const WORDS: usize = 8 + 6 + TRIANGLE + 6 + 2;
+    pub const WORDS: usize = 8 + 6 + TRIANGLE + 6 + 2 + 6;
 
     /// Whether there is a wrench.
     pub fn is_valid(&self) -> bool {
@@ -87,6 +87,7 @@ impl Published {
             solution.singular_values_per_n.iter().for_each(|x| put(x.to_bits()));
             put(solution.parity_chi2.to_bits());
             put(solution.parity_dof as u64);
+            solution.protection.iter().for_each(|x| put(x.to_bits()));
         }
         words
     }
@@ -109,6 +110,7 @@ impl Published {
             singular_values_per_n: std::array::from_fn(|k| number(14 + TRIANGLE + k)),
             parity_chi2: number(20 + TRIANGLE),
             parity_dof: words[21 + TRIANGLE] as usize,
+            protection: std::array::from_fn(|k| number(22 + TRIANGLE + k)),
         };
         Self {
             sequence: words[0],
@@ -134,6 +136,10 @@ fn code(outcome: &Result<Solution, Why>) -> u64 {
         Err(Why::Refused(Refusal::Estimator(NoWrench::Singular))) => 6,
         Err(Why::Refused(Refusal::Estimator(NoWrench::NotFinite))) => 7,
         Err(Why::Refused(Refusal::TooUncertain)) => 8,
+        Err(Why::Refused(Refusal::Fault)) => 9,
+        Err(Why::Refused(Refusal::Contradiction)) => 10,
+        Err(Why::Refused(Refusal::SeveralAstray)) => 11,
+        Err(Why::Refused(Refusal::Unproven)) => 12,
         Err(Why::Refused(Refusal::JointUnknown(coordinate))) => 256 + *coordinate as u64,
     }
 }
@@ -149,6 +155,10 @@ fn why(code: u64) -> Option<Why> {
         6 => Why::Refused(Refusal::Estimator(NoWrench::Singular)),
         7 => Why::Refused(Refusal::Estimator(NoWrench::NotFinite)),
         8 => Why::Refused(Refusal::TooUncertain),
+        9 => Why::Refused(Refusal::Fault),
+        10 => Why::Refused(Refusal::Contradiction),
+        11 => Why::Refused(Refusal::SeveralAstray),
+        12 => Why::Refused(Refusal::Unproven),
         joint => Why::Refused(Refusal::JointUnknown(joint.saturating_sub(256) as usize)),
     })
 }
@@ -166,6 +176,7 @@ mod tests {
             singular_values_per_n: [9.0, 8.0, 7.0, 6.0, 5.0, 4.0],
             parity_chi2: 2.5,
             parity_dof: 2,
+            protection: [0.5, 1.0, f64::INFINITY, 0.01, 0.02, 0.0],
         };
         let estimator = |why| Err(Why::Refused(Refusal::Estimator(why)));
         let outcomes = [
@@ -176,6 +187,10 @@ mod tests {
             Err(Why::Refused(Refusal::NothingYet)),
             Err(Why::Refused(Refusal::JointUnknown(5))),
             Err(Why::Refused(Refusal::TooUncertain)),
+            Err(Why::Refused(Refusal::Fault)),
+            Err(Why::Refused(Refusal::Contradiction)),
+            Err(Why::Refused(Refusal::SeveralAstray)),
+            Err(Why::Refused(Refusal::Unproven)),
             estimator(NoWrench::TooFewGauges),
             estimator(NoWrench::Singular),
             estimator(NoWrench::NotFinite),

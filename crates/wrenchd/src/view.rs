@@ -29,6 +29,9 @@ pub struct Live {
     pub wrench: Option<[f64; 6]>,
     /// Its standard deviations.
     pub sigma: Option<[f64; 6]>,
+    /// Protection level: the largest error that one faulty gauge can hide from the spare ones, for each component as in `wrench`; `null` where
+    /// it can hide anything.
+    pub protection: Option<[Option<f64>; 6]>,
     /// The parity check; absent without a wrench.
     pub parity: Option<Parity>,
     /// Every gauge.
@@ -57,6 +60,8 @@ pub struct Gauge {
     pub name: String,
     /// "used", or why not.
     pub state: String,
+    /// Whether it may be at fault: the gauges disagree, and it is not clear which of them is wrong.
+    pub suspect: bool,
     /// Its last reading that was used, counts.
     pub counts: f64,
     /// Its part of the parity residual, standard deviations.
@@ -90,6 +95,7 @@ pub fn state_name(state: GaugeState) -> String {
         GaugeState::Absent(absence) => absence.to_string(),
         GaugeState::Stuck => "stuck".into(),
         GaugeState::NotTared => "not tared".into(),
+        GaugeState::Isolated => "isolated".into(),
     }
 }
 
@@ -100,6 +106,7 @@ impl Live {
         let gauge = |(name, gauge): (&String, GaugeReadback)| Gauge {
             name: name.clone(),
             state: state_name(gauge.state),
+            suspect: gauge.suspect,
             counts: gauge.counts,
             residual_sigma: gauge.residual_sigma,
             zero_shift_counts: gauge.zero_shift_counts,
@@ -115,6 +122,7 @@ impl Live {
             reason: record.outcome.err().map(|why| why.to_string()),
             wrench: solution.map(|s| s.wrench.to_vector().into()),
             sigma: solution.map(|s| std::array::from_fn(|k| s.covariance[(k, k)].max(0.0).sqrt())),
+            protection: solution.map(|s| s.protection.map(|level| level.is_finite().then_some(level))),
             parity: solution.map(|s| Parity {
                 chi2: s.parity_chi2,
                 dof: s.parity_dof,

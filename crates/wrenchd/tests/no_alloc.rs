@@ -8,9 +8,9 @@ use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use common::{TestClock, Timetable, frames, model, rig, truth};
+use common::{TestClock, Timetable, frames, model, rig_with, truth};
 use rig::Rig;
-use rig::config::PublishMode;
+use rig::config::{Filter, PublishMode};
 use rig::model_file::{Arm, ArmDeviation, ArmJoint, EffectShape, ModelFile, SensorTerm};
 use wrenchd::engine::Engine;
 use wrenchd::feed::feed;
@@ -106,9 +106,16 @@ fn with_arm_and_terms(mut model: ModelFile, rig: &Rig) -> ModelFile {
 #[test]
 fn the_cycle_takes_and_gives_back_no_memory() {
     assert!(counted(|| drop(std::hint::black_box(vec![1u8; 100]))) >= 2, "the counter counts");
-    let trials = [(PublishMode::Fixed, false), (PublishMode::Event, false), (PublishMode::Fixed, true)];
-    for (mode, as_built) in trials {
-        let rig = rig(mode);
+    let none = Filter::default();
+    let both = Filter { cutoff_hz: Some(50.0), delay_s: Some(0.01) };
+    let trials = [
+        (PublishMode::Fixed, none.clone(), false),
+        (PublishMode::Event, none.clone(), false),
+        (PublishMode::Fixed, none, true),
+        (PublishMode::Event, both, false),
+    ];
+    for (mode, filter, as_built) in trials {
+        let rig = rig_with(mode, filter);
         let nominal = model(&rig, &truth(&rig));
         let model = if as_built { with_arm_and_terms(nominal, &rig) } else { nominal };
         let mut frames = frames(&rig, 1000.0, 1.5);

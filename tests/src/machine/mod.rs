@@ -120,6 +120,11 @@ impl Machine {
         &self.description
     }
 
+    /// The directory that inside and outside share; it goes with the machine.
+    pub fn scratch(&self) -> &Path {
+        self.scratch.path()
+    }
+
     /// Runs a program inside to its end, its output going where this program's goes, and returns its exit status. When the status is not 0,
     /// what was left in the scratch directory stays there, and its path is said.
     pub fn run(&mut self, job: Job, limit: Duration) -> Check<i32> {

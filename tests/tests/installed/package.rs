@@ -21,7 +21,7 @@ pub(crate) const SCENARIOS: &[Scenario] = &[
     Scenario { name: "package::removed_it_is_gone", needs: NEEDS, limit: LIMIT, run: remove },
 ];
 
-/// Every command that the tool has is in its manual page.
+/// Every command that the tool has is in its manual, with a page of its own, and the shell completes it.
 fn described(_: &Guest) -> Check {
     let page = run("zcat /usr/share/man/man1/wrenchctl.1.gz")?.stdout();
     let help = run("wrenchctl --help")?.stdout();
@@ -37,8 +37,16 @@ fn described(_: &Guest) -> Check {
         .collect();
     ensure!(commands.len() > 10, "wrenchctl --help names {commands:?}");
     for command in commands {
-        ensure!(page.lines().any(|line| line == format!(".B {command}")), "the manual lacks {command}");
+        ensure!(page.contains(&format!("wrenchctl\\-{command}(1)")), "the manual lacks {command}");
+        run(&format!("zcat /usr/share/man/man1/wrenchctl-{command}.1.gz"))?;
     }
+    let completed = "source /usr/share/bash-completion/completions/wrenchctl
+        COMP_WORDS=(wrenchctl cali) COMP_CWORD=1
+        _wrenchctl wrenchctl cali wrenchctl
+        echo ${COMPREPLY[@]}";
+    let mut bash = Command::new("bash");
+    let said = process::run(bash.args(["-c", completed]), STEP)?.stdout();
+    ensure!(said == "calibrate\n", "bash completes cali as {said:?}");
     Ok(())
 }
 

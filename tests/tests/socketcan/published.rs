@@ -1,6 +1,6 @@
 //! Wrenches as they were published, live or offline, and how the two are paired.
 
-use wrenchd_tests::candump::Line;
+use wrenchd_tests::candump::{Line, ROUND, ROUND_ID};
 use wrenchd_tests::guest::Captured;
 use wrenchd_tests::programs::workspace;
 use wrenchd_tests::python::{self, Decoded};
@@ -17,6 +17,8 @@ pub(crate) const SILENCE: u8 = INVALID | STALE;
 pub(crate) const STALE_AFTER_NS: i64 = 20_000_000;
 /// How often a silence is told once it has begun, ns.
 pub(crate) const SILENCE_PERIOD_NS: i64 = 100_000_000;
+/// What the kernel hands on later than this was kept back.
+const HANDED_ON_WITHIN_NS: i64 = 5_000_000;
 
 /// N and Nm per count of the wrench frames.
 const COUNTS: [f64; 6] = [0.01, 0.01, 0.01, 0.001, 0.001, 0.001];
@@ -149,8 +151,10 @@ pub(crate) fn pair<'a>(
     offline: &'a [Published],
     recorded: &[Line],
 ) -> Check<Vec<(&'a Published, &'a Published)>> {
-    let [first_ns, last_ns] =
-        [recorded.first(), recorded.last()].map(|line| line.map_or(0, |line| line.stamp_ns));
+    let first_ns = recorded.first().map_or(0, |line| line.stamp_ns);
+    let last = [ROUND_ID, ROUND[ROUND.len() - 1]];
+    let complete_ns: Vec<i64> =
+        recorded.iter().filter(|line| last.contains(&line.id.as_str())).map(|line| line.stamp_ns).collect();
     let silent = |records: &[Published]| records.iter().take_while(|record| record.status == SILENCE).count();
     let mut pairs = Vec::with_capacity(offline.len());
     let mut at = 0;
@@ -159,9 +163,10 @@ pub(crate) fn pair<'a>(
         let next = pairs.len();
         let (told, meant) = (silent(&live[at..]), silent(&offline[next..]));
         ensure!(told >= meant, "records {at}..: {told} silent ones live, {meant} offline");
+        let before = at.checked_sub(1).map(|before| live[before].time_ns);
         at += told;
         pairs.extend(live[at - meant..at].iter().zip(&offline[next..]));
-        let may = silences(offline, next, next + meant, last_ns - first_ns);
+        let may = silences(&complete_ns, before, live.get(at).map(|after| after.time_ns));
         let told = told - meant;
         ensure!(told <= may, "before record {at} silence is told {told} times, not up to {may}");
         match (live.get(at), offline.get(next + meant)) {
@@ -181,18 +186,18 @@ pub(crate) fn pair<'a>(
     }
 }
 
-/// How often silence may be told from the instant before `from` to the instant `to`; the last frame came at `last_ns`.
-fn silences(offline: &[Published], from: usize, to: usize, last_ns: i64) -> usize {
-    let Some(before) = from.checked_sub(1) else { return usize::MAX };
-    if to >= offline.len() {
-        return usize::MAX;
-    }
-    // A round is complete some time after its instant, but before the next one's; the last one before the last frame.
-    let complete_ns = |at: usize| offline.get(at + 1).map_or(last_ns, |next| next.time_ns);
-    let waits_ns = (before..to).map(|at| complete_ns(at + 1) - offline[at].time_ns);
+/// How often silence may be told between a wrench and the next, by when rounds were complete: what the daemon takes for the instants that
+/// they tell of may lie closer together. Stamps are from when a frame was sent; where a flood of datagrams kept the kernel from handing it on,
+/// the daemon, too, heard nothing until then.
+fn silences(complete_ns: &[i64], from_ns: Option<i64>, to_ns: Option<i64>) -> usize {
+    let (Some(from_ns), Some(to_ns)) = (from_ns, to_ns) else { return usize::MAX };
+    let until = |at_ns: i64| complete_ns.partition_point(|complete_ns| *complete_ns <= at_ns);
+    let rounds = complete_ns.get(until(from_ns).saturating_sub(1)..until(to_ns)).unwrap_or_default();
     let tellings =
         |wait_ns: i64| if wait_ns < STALE_AFTER_NS { 0 } else { 1 + (wait_ns / SILENCE_PERIOD_NS) as usize };
-    waits_ns.map(tellings).sum()
+    let on_the_bus: usize = rounds.windows(2).map(|pair| tellings(pair[1] - pair[0])).sum();
+    let is_late = rounds.get(1).is_some_and(|complete_ns| to_ns - complete_ns > HANDED_ON_WITHIN_NS);
+    on_the_bus.max(if is_late { tellings(to_ns - from_ns) } else { 0 })
 }
 
 /// In event mode every wrench equals the offline one: the same status, and each axis within one count of the frame's scaling.

@@ -54,9 +54,9 @@ fn captures() -> PathBuf {
 }
 
 /// Calibrates from the committed capture.
-pub(crate) fn calibrate(axes: &str, model: &Path) -> Check {
+fn calibrate(model: &Path) -> Check {
     let mut command = Command::new(&programs()?.wrenchctl);
-    command.arg("calibrate").arg(captures().join("calibration")).args(["--axes", axes, "--out"]).arg(model);
+    command.arg("calibrate").arg(captures().join("calibration")).arg("--out").arg(model);
     process::run(&mut command, CALIBRATE_LIMIT).map(drop)
 }
 
@@ -65,7 +65,7 @@ fn model() -> Check<&'static Path> {
     static MODEL: OnceLock<Check<PathBuf>> = OnceLock::new();
     let make = || -> Check<PathBuf> {
         let path = std::env::temp_dir().join("model.toml");
-        calibrate("full", &path)?;
+        calibrate(&path)?;
         Ok(path)
     };
     MODEL.get_or_init(make).as_deref().map_err(|failure| Failure::new(failure.words()))

@@ -16,6 +16,10 @@ const LONGEST_PUSH_S: f64 = 0.25;
 /// What does not fit keeps its sign for about so long while a push changes, s.
 const MISFIT_TIME_S: f64 = 2.0;
 
+/// More rows than this are not looked at: windows, evenly spread, are left out of longer calibrations, and memory stays bounded. Some ten
+/// times what a careful calibration has.
+const MOST_ROWS: usize = 20_000;
+
 /// A reading further than this from its neighbours is left out, in standard deviations.
 const OUTLIER_SIGMA: f64 = 7.0;
 
@@ -58,11 +62,11 @@ pub struct Reading {
 /// Cuts all windows; `estimates` and `noise` (one a gauge) tell outliers from readings under a changing load.
 pub fn cut(dataset: &Dataset, estimates: &[&Estimate], noise: &[NoiseModel]) -> Vec<Row> {
     let mut rows = Vec::new();
-    for (pose, window) in dataset.windows.iter().enumerate() {
+    let total: usize = dataset.windows.iter().map(|window| pieces(window).0).sum();
+    let every = total.div_ceil(MOST_ROWS).max(1);
+    for (pose, window) in dataset.windows.iter().enumerate().step_by(every) {
         let n = window.times_s.len();
-        let span_s = window.times_s[n - 1] - window.times_s[0];
-        let longest_s = if window.reference.is_empty() { LONGEST_S } else { LONGEST_PUSH_S };
-        let pieces = ((span_s / longest_s).ceil() as usize).clamp(1, n);
+        let (pieces, span_s) = pieces(window);
         let piece_s = (span_s / pieces as f64).max(f64::MIN_POSITIVE);
         let shared = (pieces as f64).min((MISFIT_TIME_S / piece_s).max(1.0));
         for piece in 0..pieces {
@@ -85,6 +89,14 @@ pub fn cut(dataset: &Dataset, estimates: &[&Estimate], noise: &[NoiseModel]) -> 
         }
     }
     rows
+}
+
+/// Into how many rows a window is cut, and its length, s.
+fn pieces(window: &Window) -> (usize, f64) {
+    let n = window.times_s.len();
+    let span_s = window.times_s[n - 1] - window.times_s[0];
+    let longest_s = if window.reference.is_empty() { LONGEST_S } else { LONGEST_PUSH_S };
+    (((span_s / longest_s).ceil() as usize).clamp(1, n), span_s)
 }
 
 /// Mean of a gauge's readings in a part of a window, without those far from the others.

@@ -120,6 +120,9 @@ impl Assembler {
         if too_old {
             return Err(Absence::Stale);
         }
+        if stream.is_doubted(self.round) {
+            return Err(Absence::Repeated);
+        }
         reading(held, age_ns)
     }
 

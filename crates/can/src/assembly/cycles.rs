@@ -19,6 +19,8 @@ struct Counter {
     arrived: bool,
     /// Frames in a row that came after their round had ended
     behind: u8,
+    /// Its last frame seemed to come after a gap
+    skipped: bool,
 }
 
 /// After so many frames in a row behind their round a counter is numbered anew: boards whose clocks drift past each other
@@ -96,6 +98,7 @@ impl Cycles {
         let here = self.open();
         for counter in self.counters.iter_mut().filter(|counter| counter.hit) {
             counter.hit = false;
+            counter.skipped = counter.step.is_some_and(|step| step > 1);
             counter.cycle = counter.cycle.zip(counter.step).map(|(cycle, step)| cycle + step);
             if open && counter.cycle.is_some() && counter.cycle <= self.ended {
                 // It counts more slowly than the others, as a message sent in every other cycle does.
@@ -110,9 +113,15 @@ impl Cycles {
         }
     }
 
-    /// The frame at hand is no news: its counter did not advance
+    /// The frame at hand is no news. Where its counter began anew, or had just seemed to skip some as bits that turned make it, nothing is known of
+    /// its cycle until the others tell
     pub(super) fn dismiss(&mut self) {
-        self.counters.iter_mut().for_each(|counter| counter.hit = false);
+        for counter in self.counters.iter_mut().filter(|counter| counter.hit) {
+            counter.hit = false;
+            if std::mem::take(&mut counter.skipped) || counter.step.is_none() {
+                counter.cycle = None;
+            }
+        }
     }
 
     /// Nothing is known of where the counters stand against each other; the frame at hand is still to take its place

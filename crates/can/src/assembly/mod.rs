@@ -41,6 +41,8 @@ pub struct AssemblyCounts {
     pub late: u64,
     /// Frames that came after their round had ended
     pub after_round: u64,
+    /// Frames that came where none of their message is due, with no counter to tell which cycle they are of
+    pub astray: u64,
     /// Steps of the stamps by more than a second backwards
     pub steps_back: u64,
     /// Steps of the stamps by more than a second forwards: a step of the clock, or a silent bus
@@ -202,6 +204,10 @@ impl Assembler {
             self.take_after_round(ended, last, stamp_ns);
             return;
         }
+        if self.cycles.place().is_none() && self.is_astray(first, again, stamp_ns) {
+            self.leave_out(again);
+            return;
+        }
         let later = self.open && (again || self.belongs_to_a_later_round(first, stamp_ns));
         if later {
             self.rhythm.ended(!again && !self.cycles.count(), &mut self.streams);
@@ -227,6 +233,26 @@ impl Assembler {
         if self.every_due_arrived() {
             self.rhythm.ended(false, &mut self.streams);
             self.close();
+        }
+    }
+
+    /// Whether the frame at hand, whose cycle nobody counted, can be of no round: it was held back, or another one was in its place
+    fn is_astray(&self, first: usize, again: bool, stamp_ns: i64) -> bool {
+        let begins = || !self.open || self.rhythm.begins_anew(first, &self.streams, stamp_ns);
+        if again {
+            return self.rhythm.is_soon(&self.streams[first], stamp_ns);
+        }
+        self.cycles.count() && begins() && self.rhythm.is_astray(first, &self.streams, stamp_ns)
+    }
+
+    /// Leaves the frame at hand out; where it is the second of its message in a round the first may be the wrong one, too
+    fn leave_out(&mut self, again: bool) {
+        self.counts.astray += 1;
+        self.cycles.dismiss();
+        for stream in &mut self.streams {
+            if std::mem::take(&mut stream.hit) && again {
+                stream.doubt(self.round);
+            }
         }
     }
 
@@ -257,6 +283,8 @@ impl Assembler {
         let stream = &self.streams[first];
         match self.cycles.place() {
             // What came just before is of the same round; nobody counted that a whole one is missing.
+            // A counter whose bits turned says so in the midst of a round, too.
+            Some(Place::Later) if self.rhythm.is_in_place(stream, stamp_ns) => false,
             Some(Place::Later) => self.cycles.any_here() || self.rhythm.long_since(stamp_ns),
             Some(_) => false,
             // The next counter will tell whether the boards or the sender paused.

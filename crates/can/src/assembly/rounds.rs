@@ -15,6 +15,8 @@ const MAX_UNTYPICAL_NS: i64 = 1_000_000_000;
 
 /// After so many looks in a row at which rounds seemed to begin in the wrong place they begin elsewhere
 const MAX_UNFIT: u8 = 3;
+/// So many rounds in a row that begin right after the one before and pause within begin in the wrong place
+const MAX_SPLIT: u8 = 8;
 /// So many rounds at the beginning are looked at more often, and once is enough
 const EARLY_ROUNDS: u64 = 32;
 
@@ -35,6 +37,8 @@ pub(super) struct Stream {
     repeated_round: Option<u64>,
     /// Last round in which its frame came with another length
     wrong_length_round: Option<u64>,
+    /// Last round in which two of its frames came and only one can be right
+    doubted_round: Option<u64>,
     /// Whether the frame at hand belongs to it
     pub(super) hit: bool,
     stamp_ns: Option<i64>,
@@ -58,6 +62,7 @@ impl Stream {
             arrived: false,
             repeated_round: None,
             wrong_length_round: None,
+            doubted_round: None,
             hit: false,
             stamp_ns: None,
             phase_ns: None,
@@ -91,6 +96,16 @@ impl Stream {
 
     pub(super) fn wrong_length(&mut self, round: u64) {
         self.wrong_length_round = Some(round);
+    }
+
+    /// Another frame of it came in this round
+    pub(super) fn doubt(&mut self, round: u64) {
+        self.doubted_round = Some(round);
+    }
+
+    /// Whether two frames of it came in this round and only one can be right
+    pub(super) fn is_doubted(&self, round: u64) -> bool {
+        self.doubted_round == Some(round)
     }
 
     /// Why it has no reading although frames come: in this round, or in the last if this one did not wait for it
@@ -173,6 +188,9 @@ pub(super) struct Rhythm {
     unfit: u8,
     /// Rounds in a row that only the rhythm ended
     cuts: u8,
+    /// Whether the open round began without a pause before it, and rounds in a row that did and paused within
+    followed_on: bool,
+    split: u8,
     order: Order,
 }
 
@@ -230,6 +248,35 @@ impl Rhythm {
         Some((offset as f64 / period).round() as i64)
     }
 
+    /// Whether the stamps can be believed at present: steady, and the open round (else the last one) began in its time and without a pause
+    fn in_step(&self) -> bool {
+        self.period_if_steady().is_some() && self.in_time && self.resumed_ns.is_none()
+    }
+
+    /// Whether a frame comes where its message is expected in the open round
+    pub(super) fn is_in_place(&self, stream: &Stream, stamp_ns: i64) -> bool {
+        self.in_step() && self.cycles_ahead(stream, stamp_ns) == Some(0)
+    }
+
+    /// Whether a frame follows the last one of its message by less than half a period
+    pub(super) fn is_soon(&self, stream: &Stream, stamp_ns: i64) -> bool {
+        let since = stream.stamp_ns.map(|last| (stamp_ns - last) as f64);
+        since.zip(self.period_if_steady()).is_some_and(|(since, period)| since < 0.5 * period)
+    }
+
+    /// Whether a frame that would begin a round can be of none: others usually come before it, and it is in its place in no later cycle. One that
+    /// was held back by itself looks so; when the sender pauses the others come with it
+    pub(super) fn is_astray(&self, number: usize, streams: &[Stream], stamp_ns: i64) -> bool {
+        let (Some(period), Some(phase), Some(origin)) =
+            (self.period_if_steady(), streams[number].phase_ns, self.origin_ns)
+        else {
+            return false;
+        };
+        let cycles = (stamp_ns - phase - origin) as f64 / period;
+        let in_place = cycles > 0.5 && (cycles - cycles.round()).abs() <= 0.25;
+        self.in_step() && !in_place && (0..streams.len()).any(|other| self.order.usual(other, number))
+    }
+
     /// Whether a frame that came late for the open round belongs to it all the same: it follows those that have come, and is not in
     /// its place in a later cycle either. So the sender paused; frames that are lost leave the others in their places.
     pub(super) fn paused(&self, number: usize, streams: &[Stream], stamp_ns: i64) -> bool {
@@ -272,6 +319,8 @@ impl Rhythm {
 
     /// The round was ended by the rhythm alone, or not; always means that the phases are wrong
     pub(super) fn ended(&mut self, by_rhythm: bool, streams: &mut [Stream]) {
+        let split = self.followed_on && self.resumed_ns.is_some();
+        self.split = if split { self.split.saturating_add(1) } else { 0 };
         self.cuts = if by_rhythm { self.cuts + 1 } else { 0 };
         if self.cuts > MAX_IN_A_ROW {
             self.cuts = 0;
@@ -287,6 +336,7 @@ impl Rhythm {
         let since = self.origin_ns.map(|before| (origin - before) as f64);
         self.in_time =
             since.zip(self.period_ns).is_none_or(|(since, period)| 4.0 * (since - period).abs() < period);
+        self.followed_on = self.origin_ns.is_some() && !self.long_since(stamp_ns);
         self.origin_ns = Some(origin);
         self.first_ns = stamp_ns;
         self.last_ns = stamp_ns;
@@ -361,15 +411,15 @@ impl Rhythm {
         let known = numbers().filter(|&number| streams[number].phase_ns.is_some());
         let Some(first) = known.min_by_key(|&number| streams[number].phase_ns) else { return false };
         // A cycle that is full of frames has no pause: then it may begin anywhere, as long as it stays there.
-        let fits = longest == first
-            || pauses(longest) < (period / 4.0).ln()
-            || pauses(longest) < pauses(first) + 3f64.ln();
+        let begins_there = longest == first || pauses(longest) < pauses(first) + 3f64.ln();
+        let fits = pauses(longest) < (period / 4.0).ln() || self.split < MAX_SPLIT && begins_there;
         self.unfit = if fits { 0 } else { self.unfit + 1 };
         // At the beginning at once; later the sender's pauses may make it seem so for a while.
         if fits || !fresh && round > EARLY_ROUNDS && self.unfit < MAX_UNFIT {
             return false;
         }
         self.unfit = 0;
+        self.split = 0;
         self.origin_ns = None;
         self.order.forget();
         for (number, stream) in streams.iter_mut().enumerate() {

@@ -24,7 +24,7 @@ pub enum Absence {
     Stale,
     /// The board says that the gauge was beyond its range
     Saturated,
-    /// Its message came, but its counter did not advance: a duplicate, or a board that stands still
+    /// Its message came, but its counter did not advance: a duplicate, or a board that stands still; or it came twice with different readings
     Repeated,
     /// Its message came with another length than the DBC says
     WrongLength,
@@ -59,8 +59,8 @@ pub struct JointReading {
     pub velocity: Signal,
 }
 
-/// All gauges and joints of one round
-#[derive(Clone, PartialEq, Debug)]
+/// All gauges and joints of one round; [`Clone::clone_from`] into one of the same robot takes no memory
+#[derive(PartialEq, Debug)]
 pub struct Snapshot {
     /// The instant it refers to: earliest (stamp - delay) of the round's gauge frames, ns since the Unix epoch
     pub instant_ns: i64,
@@ -78,6 +78,24 @@ pub struct Snapshot {
     pub joints: Vec<JointReading>,
     /// Whether no gauge and no joint position is absent
     pub complete: bool,
+}
+
+impl Clone for Snapshot {
+    fn clone(&self) -> Self {
+        let mut copy = Self::empty(self.gauges.len(), self.joints.len());
+        copy.clone_from(self);
+        copy
+    }
+
+    fn clone_from(&mut self, source: &Self) {
+        let Self { instant_ns, last_stamp_ns, round, cycles, gauges, temperatures, joints, complete } =
+            source;
+        (self.instant_ns, self.last_stamp_ns, self.round) = (*instant_ns, *last_stamp_ns, *round);
+        (self.cycles, self.complete) = (*cycles, *complete);
+        self.gauges.clone_from(gauges);
+        self.temperatures.clone_from(temperatures);
+        self.joints.clone_from(joints);
+    }
 }
 
 impl Snapshot {

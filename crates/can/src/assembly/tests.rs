@@ -2,6 +2,7 @@ use super::*;
 use crate::dbc::Dbc;
 use crate::frame::{CanId, Frame};
 
+mod astray;
 mod stalls;
 
 const MS: i64 = 1_000_000;

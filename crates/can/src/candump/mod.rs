@@ -1,10 +1,12 @@
 //! The candump log format (`candump -L`): lines to frames and back, from and to plain, gzip and zstd files
 
+mod ahead;
 mod format;
 mod parse;
 mod reader;
 mod writer;
 
+pub use ahead::ReadAhead;
 pub use format::{MAX_LINE, StampDigits, format_line};
 pub use parse::{Line, LineFault, parse_line};
 pub use reader::{LogCounts, LogEvent, LogReader};

@@ -141,29 +141,39 @@ impl LogReader {
     #[inline]
     pub fn next_event(&mut self) -> Result<Option<LogEvent>> {
         loop {
-            let window = &self.buffer[self.start..self.end];
-            let line = match find_newline(window) {
-                Some(len) => {
-                    let line = self.start..self.start + len;
-                    self.start += len + 1;
-                    line
+            match self.next_line() {
+                Some(line) => {
+                    if let Some(event) = self.judge(line) {
+                        return Ok(Some(event));
+                    }
                 }
-                None if self.at_end && window.is_empty() => return Ok(None),
-                None if self.at_end => {
-                    let line = self.start..self.end;
-                    self.start = self.end;
-                    line
-                }
-                None => {
-                    self.fill()?;
-                    continue;
-                }
-            };
-            self.counts.lines += 1;
-            if let Some(event) = self.judge(line) {
-                return Ok(Some(event));
+                None if self.at_end => return Ok(None),
+                None => self.fill()?,
             }
         }
+    }
+
+    /// Adds all events that one more filling of the buffer brings; false once there is nothing more
+    pub(super) fn next_events(&mut self, events: &mut Vec<LogEvent>) -> Result<bool> {
+        self.fill()?;
+        while let Some(line) = self.next_line() {
+            events.extend(self.judge(line));
+        }
+        Ok(!self.at_end)
+    }
+
+    /// The next line of the buffer, counted; `None` where more must be read first, or nothing is left.
+    #[inline]
+    fn next_line(&mut self) -> Option<std::ops::Range<usize>> {
+        let window = &self.buffer[self.start..self.end];
+        let line = match find_newline(window) {
+            Some(len) => self.start..self.start + len,
+            None if self.at_end && !window.is_empty() => self.start..self.end,
+            None => return None,
+        };
+        self.start = (line.end + 1).min(self.end);
+        self.counts.lines += 1;
+        Some(line)
     }
 
     #[inline]

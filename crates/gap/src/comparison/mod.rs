@@ -232,7 +232,7 @@ fn assemble(
         segments,
         time_s,
         notes,
-        arm_columns: std::cell::OnceCell::new(),
+        arm_columns: std::sync::OnceLock::new(),
     };
     Ok(Assembled { session, recordings })
 }

@@ -6,12 +6,15 @@
 //! A simulated joint torque is what the joint must apply to the outboard side (`M q'' + C q' + g`, as every simulator gives
 //! it), a gauge's counts are its compliance times what the outboard side applies: either is a row times the section's load.
 
+use std::ops::Range;
+
 use model::chain::{Chain, Section};
 use model::dynamics::Dynamics;
 use model::spatial::{BODY_PARAMETERS, RigidBody, Tip, Wrench};
 use nalgebra::{Matrix3, Vector3};
 
 use super::{Column, NO_JOINT, Place, Role, moment_channels};
+use crate::parallel;
 use crate::session::{Kinematics, Session};
 
 /// How the parameters of a body are called.
@@ -34,8 +37,11 @@ type BySensing = Vec<Vec<f64>>;
 pub struct ArmColumns {
     /// By a coordinate's position, per rad.
     position: Vec<BySensing>,
-    /// By a turn of gravity about the two level axes, per rad.
-    tilt: [BySensing; 2],
+    /// What the part of a load that goes with the cosine of a coordinate loses as that turns, per unit of `1 - cos`; none where gaps
+    /// are so small that no turn behind them bends.
+    bend: Vec<BySensing>,
+    /// By a turn of gravity about the two level axes, per rad; by what gravity gains along itself, per unit of it.
+    tilt: [BySensing; 3],
     /// By the body of each joint's child link: mass with all that goes with it, and first moments (per kg m).
     body: Vec<[BySensing; 4]>,
     /// By the declared body at the tip: mass where it is (per kg), and displacement (per m).
@@ -46,19 +52,56 @@ pub struct ArmColumns {
 
 impl ArmColumns {
     fn new(session: &Session, arm: &Kinematics) -> Self {
-        let mut pass = Pass::new(session, arm);
-        (0..session.rows()).for_each(|row| pass.row(row));
-        pass.columns
+        let parts = (0..PARTS).map(|k| session.rows() * k / PARTS..session.rows() * (k + 1) / PARTS);
+        let parts: Vec<Range<usize>> = parts.collect();
+        let made = parallel::map(&parts, |rows| {
+            let mut pass = Pass::new(session, arm);
+            rows.clone().for_each(|row| pass.row(row));
+            pass.columns
+        });
+        let mut made = made.into_iter();
+        let mut all = made.next().unwrap_or_default();
+        made.for_each(|part| all.append(part));
+        all
+    }
+
+    /// The rows of another after these.
+    fn append(&mut self, other: Self) {
+        for (own, more) in self.position.iter_mut().zip(other.position) {
+            append(own, more);
+        }
+        for (own, more) in self.bend.iter_mut().zip(other.bend) {
+            append(own, more);
+        }
+        for (own, more) in self.tilt.iter_mut().zip(other.tilt) {
+            append(own, more);
+        }
+        for (own, more) in self.body.iter_mut().flatten().zip(other.body.into_iter().flatten()) {
+            append(own, more);
+        }
+        for (own, more) in self.declared.iter_mut().zip(other.declared) {
+            append(own, more);
+        }
+        append(&mut self.torque_nm, other.torque_nm);
     }
 }
+
+fn append(columns: &mut [Vec<f64>], more: Vec<Vec<f64>>) {
+    columns.iter_mut().zip(more).for_each(|(own, more)| own.extend(more));
+}
+
+/// Stretches of rows that are computed at the same time.
+const PARTS: usize = 4;
 
 /// One pass over the rows.
 struct Pass<'a> {
     session: &'a Session,
     arm: &'a Kinematics,
     dynamics: Dynamics,
+    /// The arm at rest, half a turn of a joint away.
+    half_turned: Dynamics,
     /// The arm at rest under nothing but what a turn of gravity adds to it.
-    turned: [Dynamics; 2],
+    turned: [Dynamics; 3],
     carried: RigidBody,
     /// Per joint what its child link is made of where that scales as a whole, else a unit of mass.
     unit_body: Vec<[f64; BODY_PARAMETERS]>,
@@ -71,16 +114,18 @@ impl<'a> Pass<'a> {
         let sections: Vec<Section> = arm.sensing.iter().map(|sensing| sensing.section).collect();
         let gravity = arm.chain.gravity_mps2;
         let level = level_axes(&gravity);
-        let turned = [0, 1].map(|axis| {
+        let changes = [level.column(0).cross(&gravity), level.column(1).cross(&gravity), gravity];
+        let turned = changes.map(|change| {
             let mut chain: Chain = arm.chain.clone();
-            chain.gravity_mps2 = level.column(axis).cross(&gravity);
+            chain.gravity_mps2 = change;
             Dynamics::new(&chain, &sections)
         });
         let empty = || vec![Vec::with_capacity(session.rows()); sections.len()];
         let links = arm.chain.joints.len();
         let columns = ArmColumns {
             position: (0..arm.joints.len()).map(|_| empty()).collect(),
-            tilt: [empty(), empty()],
+            bend: if bends(session) { arm.joints.iter().map(|_| empty()).collect() } else { Vec::new() },
+            tilt: std::array::from_fn(|_| empty()),
             body: (0..links).map(|_| std::array::from_fn(|_| vec![Vec::new(); sections.len()])).collect(),
             declared: std::array::from_fn(|_| vec![Vec::new(); sections.len()]),
             torque_nm: vec![Vec::with_capacity(session.rows()); arm.joints.len()],
@@ -89,6 +134,7 @@ impl<'a> Pass<'a> {
             session,
             arm,
             dynamics: Dynamics::new(&arm.chain, &sections),
+            half_turned: Dynamics::new(&arm.chain, &sections),
             turned,
             carried: RigidBody::zero(),
             unit_body: arm.chain.joints.iter().map(|joint| unit_body(&joint.body)).collect(),
@@ -119,6 +165,31 @@ impl<'a> Pass<'a> {
             self.bodies(section);
             self.declared(section);
         }
+        self.bend(&wrench);
+    }
+
+    /// A load at rest is `a + b cos + c sin` of each coordinate: half a turn away it is less by `2 b`, if begun at 0.
+    fn bend(&mut self, wrench: &Wrench<Tip>) {
+        if self.columns.bend.is_empty() {
+            return;
+        }
+        let sensing = &self.arm.sensing;
+        let mut at_rest = |positions: &[f64]| -> Vec<f64> {
+            self.half_turned.update_static(positions);
+            let arm = &self.half_turned;
+            let load = |k: usize| arm.load(k) + arm.load_of_tip_wrench(k, wrench).to_vector();
+            sensing.iter().enumerate().map(|(k, at)| at.row.dot(&load(k))).collect()
+        };
+        let mut positions = self.positions[0].clone();
+        let here = at_rest(&positions);
+        for (k, changes) in self.columns.bend.iter_mut().enumerate() {
+            positions[k] += std::f64::consts::PI;
+            let there = at_rest(&positions);
+            positions[k] -= std::f64::consts::PI;
+            for ((change, here), there) in changes.iter_mut().zip(&here).zip(there) {
+                change.push((there - here) / 2.0);
+            }
+        }
     }
 
     /// What hangs on the tip here belongs to the arm.
@@ -128,6 +199,7 @@ impl<'a> Pass<'a> {
         if body != self.carried {
             self.carried = body;
             self.dynamics.set_payload(&body);
+            self.half_turned.set_payload(&body);
             self.turned.iter_mut().for_each(|turned| turned.set_payload(&body));
         }
     }
@@ -250,12 +322,18 @@ pub(super) fn declared_columns(session: &Session) -> Vec<Column> {
     columns.filter(shows).collect()
 }
 
-/// What gravity turned about the base's two level axes adds, per rad.
+/// So much of gravity a turn by several degrees takes from its old direction (`1 - cos`).
+const LOST_BY_TILT: f64 = 1e-3;
+
+/// What gravity turned about the base's two level axes adds, per rad; and what it loses along its old direction, which makes the turn
+/// exact however large it is (a load at rest is linear in gravity).
 pub(super) fn tilt_columns(session: &Session) -> Vec<Column> {
     let Some((arm, all)) = columns(session) else { return Vec::new() };
     // The tilt is the length of the two turns together.
     let roles = [Role::Sine, Role::Cosine];
-    (0..2).map(|axis| column(arm, &all.tilt[axis], "rad", "rad", 0.02).role(roles[axis])).collect()
+    let level = (0..2).map(|axis| column(arm, &all.tilt[axis], "rad", "rad", 0.02).role(roles[axis]));
+    let down = column(arm, &all.tilt[2], "", "1", LOST_BY_TILT).role(Role::Nuisance);
+    level.chain([down]).collect()
 }
 
 /// What a joint that stands further by `angle(row)` rad per unit of the parameter adds.
@@ -274,6 +352,28 @@ pub(super) fn turn_columns(
         }
     }
     vec![column]
+}
+
+/// What a joint that stands further adds, per rad; and what that loses by bending, which makes the turn exact at rest however large it is.
+pub(super) fn bent_columns(session: &Session, joint: usize) -> Vec<Column> {
+    let mut out = turn_columns(session, joint, |_| 1.0, ("rad", "rad", 0.02));
+    let Some((arm, all)) = columns(session) else { return out };
+    let coordinate = arm.joints.iter().position(|known| *known == joint);
+    if let Some(values) = coordinate.and_then(|coordinate| all.bend.get(coordinate)) {
+        out.push(column(arm, values, "", "1", LOST_BY_TILT).role(Role::Nuisance));
+    }
+    out
+}
+
+/// Gap over its scale above which the arc of a turn may differ from its tangent by more than noise.
+const BENDS_ABOVE: f64 = 5.0;
+
+/// Whether any channel's gap is large enough for that.
+pub(super) fn bends(session: &Session) -> bool {
+    let is_large = |channel: &crate::session::Channel| {
+        channel.gauge.is_some() && channel.rms_gap() > BENDS_ABOVE * channel.scale
+    };
+    session.channels.iter().any(is_large)
 }
 
 /// Torque about a joint's axis (Nm) under which it gives, per row: what the outboard side applies.
@@ -299,12 +399,14 @@ pub(super) fn felt_by(session: &Session, link: usize) -> Vec<usize> {
 pub(super) const IN_BASE: f64 = 0.0;
 pub(super) const IN_LINK: f64 = 1.0;
 
-/// What a force (per N) and a moment (per Nm) about a link's origin add at these rows.
+/// What a force (per N) at a link's centre of mass and a moment (per Nm) about it add at these rows: where a link is touched is not
+/// known, and from its middle the lever is short whichever way the link turns.
 pub(super) fn force_columns(session: &Session, link: usize, rows: &[usize], frame: f64) -> Vec<Column> {
     let Some(arm) = arm(session) else { return Vec::new() };
     let felt: Vec<usize> = (0..arm.sensing.len()).filter(|k| arm.sensing[*k].section.joint <= link).collect();
     let mut parts: Vec<BySensing> = vec![vec![vec![0.0; session.rows()]; felt.len()]; 6];
     let mut positions = vec![0.0; arm.joints.len()];
+    let middle_m = arm.chain.joints[link].body.com_m().unwrap_or_default();
     for &row in rows {
         for (k, joint) in arm.joints.iter().enumerate() {
             positions[k] = session.joints[*joint].position_rad[row];
@@ -315,7 +417,7 @@ pub(super) fn force_columns(session: &Session, link: usize, rows: &[usize], fram
             let at = &arm.sensing[sensing];
             let section = &placements[at.section.joint];
             let to_section = (section.rotation * at.section.r_cs).transpose();
-            let lever_m = placements[link].translation_m - section.translation_m;
+            let lever_m = placements[link].point(&middle_m) - section.translation_m;
             let (force, moment) =
                 (at.row.fixed_rows::<3>(0).into_owned(), at.row.fixed_rows::<3>(3).into_owned());
             for axis in 0..3 {

@@ -3,11 +3,14 @@
 //! The compliance vector of a section is `r [l x R, R]` (Y.-L. Kim, J.-J. Park, J.-B. Song, J. Mech. Sci. Technol. 24(8), 2010); a
 //! small turn or shift adds multiples of the other load components. Of a gauge whose section's load is known, the columns are
 //! the derivatives of that vector by the axis' four numbers, with the scale alongside (an axis that turns loses some of it); an
-//! axis that is far off takes the whole vector. With nothing but load columns given each is a column here.
+//! axis that is far off takes the whole vector. A gauge whose model has no crosstalk at all was never calibrated for any: the zero
+//! that came with such a model has taken up the mean of what crosstalk added, so zeros are fitted alongside the whole vector.
+//! With nothing but load columns given each is a column here.
 
 use model::sensing::{ActualFrame, Compliance};
 use nalgebra::Vector6;
 
+use super::zero_offset::zeros;
 use super::*;
 use crate::session::Gauge;
 
@@ -47,42 +50,50 @@ impl Effect for SensingAxis {
 
     fn shapes(&self, session: &Session, place: Place) -> Vec<Shape> {
         let Place::Channel(channel) = place else { return Vec::new() };
-        let gauge = session.channels[channel].gauge.as_ref();
-        if gauge.is_none() { vec![Shape::new()] } else { vec![vec![MOVED], vec![WHOLE]] }
+        match &session.channels[channel].gauge {
+            None => vec![Shape::new()],
+            Some(gauge) if is_nominal(gauge) => vec![vec![WHOLE]],
+            Some(_) => vec![vec![MOVED], vec![WHOLE]],
+        }
     }
 
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
-        match &session.channels[channel].gauge {
-            Some(gauge) if shape[0] == MOVED => moved(gauge, channel),
-            Some(gauge) => whole(gauge, channel),
-            None => of_loads(session, channel),
+        let Some(gauge) = &session.channels[channel].gauge else { return of_loads(session, channel) };
+        let directions = directions(gauge, shape);
+        let mut columns: Vec<Column> =
+            directions.iter().map(|direction| direction.column(gauge, channel, shape[0] == WHOLE)).collect();
+        if is_nominal(gauge) && !columns.is_empty() {
+            columns.extend(zeros(session, channel).into_iter().map(|zero| zero.role(Role::Nuisance)));
         }
+        columns
     }
 
     fn report(&self, session: &Session, term: &Fitted<'_>) -> Option<Vec<Reported>> {
         let Place::Channel(channel) = term.place else { return None };
         let gauge = session.channels[channel].gauge.as_ref()?;
-        let change = if term.shape[0] == MOVED { tangent(&gauge.compliance)? } else { components() };
-        let mut compliance = gauge.compliance;
-        change.iter().zip(term.values).for_each(|(direction, value)| compliance += direction * *value);
+        let directions = directions(gauge, term.shape);
+        let compliance = gauge.compliance + changed_by(&directions, term.values);
         let before = Compliance::from_vector(&gauge.compliance).actual_frame()?;
         let after = Compliance::from_vector(&compliance).actual_frame()?;
-        let whole = term.shape[0] == WHOLE;
-        Some(reported(&before, &after, (!whole).then_some(term.sigmas)))
+        let are_numbers = term.shape[0] == MOVED && directions.len() > NAMES.len();
+        let sigmas = are_numbers.then_some(term.sigmas);
+        Some(reported(&before, &after, sigmas))
     }
 
     fn compensate(&self, session: &Session, term: &Fitted<'_>) -> Vec<Compensation> {
         let Place::Channel(channel) = term.place else { return Vec::new() };
         let Some(gauge) = &session.channels[channel].gauge else { return Vec::new() };
-        let directions = if term.shape[0] == MOVED {
-            tangent(&gauge.compliance).unwrap_or_default()
-        } else {
-            components()
-        };
-        let mut change = Vector6::zeros();
-        directions.iter().zip(term.values).for_each(|(direction, value)| change += direction * *value);
-        vec![Compensation::Compliance { gauge: channel, change }]
+        let directions = directions(gauge, term.shape);
+        let change = changed_by(&directions, term.values);
+        let mut out = vec![Compensation::Compliance { gauge: channel, change }];
+        // What follows the directions are zeros, one a session: the model has room for their mean.
+        let zeros = term.values.get(directions.len()..).unwrap_or_default();
+        if !zeros.is_empty() {
+            let counts = zeros.iter().sum::<f64>() / zeros.len() as f64;
+            out.push(Compensation::Bias { gauge: channel, counts });
+        }
+        out
     }
 
     fn experiment(&self) -> &'static str {
@@ -127,6 +138,11 @@ fn tangent(compliance: &Vector6<f64>) -> Option<Vec<Vector6<f64>>> {
     ])
 }
 
+/// Whether its model knows of no crosstalk: nothing but the moment about the nominal axis.
+fn is_nominal(gauge: &Gauge) -> bool {
+    (0..5).all(|k| gauge.compliance[k] == 0.0)
+}
+
 fn components() -> Vec<Vector6<f64>> {
     (0..6).map(|k| Vector6::ith(k, 1.0)).collect()
 }
@@ -136,33 +152,45 @@ pub(super) fn changed(gauge: &Gauge, change: &Vector6<f64>) -> Vec<f64> {
     gauge.loads.iter().map(|load| change.dot(load)).collect()
 }
 
-fn moved(gauge: &Gauge, channel: usize) -> Vec<Column> {
-    let Some(tangent) = tangent(&gauge.compliance) else { return Vec::new() };
-    let names = ["d_ax", "d_ay", "d_lx", "d_ly"];
-    let units = ["rad", "rad", "m", "m"];
-    let columns = tangent.iter().enumerate().map(|(k, change)| {
-        let values = changed(gauge, change);
-        match names.get(k) {
-            Some(name) => Column::value(name, units[k], PLAUSIBLE[k], channel, values),
+/// A way in which the compliance may change, that the data shows.
+struct Direction {
+    /// Which of the axis' numbers (the scale last), or which component.
+    number: usize,
+    change: Vector6<f64>,
+}
+
+const NAMES: [&str; 4] = ["d_ax", "d_ay", "d_lx", "d_ly"];
+const UNITS: [&str; 4] = ["rad", "rad", "m", "m"];
+
+impl Direction {
+    fn column(&self, gauge: &Gauge, channel: usize, is_component: bool) -> Column {
+        let values = changed(gauge, &self.change);
+        if is_component {
+            // A gauge whose axis points anywhere, up to two characteristic lengths away.
+            let scale = 2.0 * gauge.compliance.fixed_rows::<3>(3).norm();
+            let length_m = model::sensing::CHARACTERISTIC_LENGTH_M;
+            let plausible = if self.number < 3 { scale * length_m } else { scale };
+            return Column::value("", "counts/N or counts/Nm", plausible, channel, values);
+        }
+        match NAMES.get(self.number) {
+            Some(name) => Column::value(name, UNITS[self.number], PLAUSIBLE[self.number], channel, values),
             None => Column::value("", "1", 0.05, channel, values).role(Role::Nuisance),
         }
-    });
-    columns.filter(is_loaded).collect()
+    }
 }
 
-fn whole(gauge: &Gauge, channel: usize) -> Vec<Column> {
-    let scale = gauge.compliance.fixed_rows::<3>(3).norm();
-    let length_m = model::sensing::CHARACTERISTIC_LENGTH_M;
-    let columns = components().into_iter().enumerate().map(|(k, change)| {
-        // A gauge whose axis points anywhere, up to two characteristic lengths away.
-        let plausible = if k < 3 { 2.0 * scale * length_m } else { 2.0 * scale };
-        Column::value("", "counts/N or counts/Nm", plausible, channel, changed(gauge, &change))
-    });
-    columns.filter(is_loaded).collect()
+/// The ways of a shape, in the order of its columns.
+fn directions(gauge: &Gauge, shape: &[f64]) -> Vec<Direction> {
+    let all = if shape[0] == MOVED { tangent(&gauge.compliance).unwrap_or_default() } else { components() };
+    let of = |(number, change): (usize, Vector6<f64>)| {
+        let is_loaded = gauge.loads.iter().any(|load| change.dot(load) != 0.0);
+        is_loaded.then_some(Direction { number, change })
+    };
+    all.into_iter().enumerate().filter_map(of).collect()
 }
 
-fn is_loaded(column: &Column) -> bool {
-    column.parts.iter().any(|(_, values)| values.iter().any(|value| *value != 0.0))
+fn changed_by(directions: &[Direction], values: &[f64]) -> Vector6<f64> {
+    directions.iter().zip(values).map(|(direction, value)| direction.change * *value).sum()
 }
 
 /// One column a load that is given.

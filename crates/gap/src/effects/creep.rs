@@ -1,8 +1,9 @@
-//! A signal that goes on changing under a constant load: a first-order lag of the signal added to it, 0.02..1 %.
+//! A signal that goes on changing under a constant load: a lag of the signal added to it, 0.02..1 %.
 //!
-//! What was calibrated is either what is there at once (then the lag is added) or what is there in the end (then the lag less the
-//! signal is); which of them is part of the shape. W. Findley, J. Lai, K. Onaran, Creep and Relaxation of Nonlinear Viscoelastic
-//! Materials, 1976.
+//! One first-order lag, or many with times over two decades, as strong each: what polymers and glues do goes with a small power of
+//! time, nearly with its logarithm, and has no time of its own. What was calibrated is either what is there at once (then the lag is
+//! added) or what is there in the end (then the lag less the signal is); which of all these is part of the shape. W. Findley, J. Lai,
+//! K. Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials, 1976, ch. 5.
 
 use super::*;
 
@@ -10,8 +11,14 @@ use super::*;
 const AT_ONCE: f64 = 0.0;
 /// What is there in the end was.
 const IN_THE_END: f64 = 1.0;
+/// Many lags; else one.
+const MANY: f64 = 2.0;
+/// Their times against the middle one. Where what is there at once was calibrated only the slow half: a lag that is shorter than the
+/// load's changes is a wrong scale, not creep.
+const TIMES: [f64; 5] = [0.1, 0.316, 1.0, 3.16, 10.0];
+const SLOW: std::ops::Range<usize> = 2..5;
 
-/// A signal that goes on changing under a constant load: a first-order lag of the signal added to it, 0.02..1 %.
+/// A signal that goes on changing under a constant load: a lag of the signal added to it, 0.02..1 %.
 pub(super) struct Creep;
 
 impl Effect for Creep {
@@ -45,7 +52,11 @@ impl Effect for Creep {
         };
         let times = geometric((20.0 * step_s).max(1.0), longest_s.max(40.0 * step_s).max(2.0), 7);
         let kinds = [IN_THE_END, AT_ONCE];
-        kinds.iter().flat_map(|kind| times.iter().map(|tau| vec![tau[0], *kind])).collect()
+        let one = kinds.iter().flat_map(|kind| times.iter().map(|tau| vec![tau[0], *kind]));
+        // So broad that every other will do.
+        let every_other = || times.iter().skip(1).step_by(2);
+        let many = kinds.iter().flat_map(|kind| every_other().map(|tau| vec![tau[0], *kind + MANY]));
+        one.chain(many).collect()
     }
 
     fn is_continuous(&self) -> bool {
@@ -55,8 +66,11 @@ impl Effect for Creep {
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];
-        let values = lagged(session, &own.simulated, shape[0]);
-        let share = if shape[1] == IN_THE_END { 1.0 } else { 0.0 };
+        let (kind, signal) = (shape[1] % MANY, &own.simulated);
+        let is_many = shape[1] >= MANY;
+        let values =
+            if is_many { broad(session, signal, shape[0], kind) } else { lagged(session, signal, shape[0]) };
+        let share = if kind == IN_THE_END { 1.0 } else { 0.0 };
         let values = values.iter().zip(&own.simulated).map(|(slow, signal)| slow - share * signal).collect();
         vec![Column::value("relative", "1", 0.1, channel, values)]
     }
@@ -64,4 +78,15 @@ impl Effect for Creep {
     fn experiment(&self) -> &'static str {
         "a load put on at once and left for ten minutes"
     }
+}
+
+/// Mean of the lags about a time (s).
+fn broad(session: &Session, values: &[f64], tau_s: f64, kind: f64) -> Vec<f64> {
+    let times = if kind == AT_ONCE { &TIMES[SLOW] } else { &TIMES[..] };
+    let mut sum = vec![0.0; values.len()];
+    for factor in times {
+        let slow = lagged(session, values, factor * tau_s);
+        sum.iter_mut().zip(slow).for_each(|(sum, slow)| *sum += slow / times.len() as f64);
+    }
+    sum
 }

@@ -26,9 +26,16 @@ impl Effect for EncoderOffset {
         arm::coordinates(session)
     }
 
-    fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
+    fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
+        if arm::bends(session) { vec![TANGENT, vec![ARC]] } else { vec![TANGENT] }
+    }
+
+    fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Joint(joint) = place else { return Vec::new() };
-        arm::turn_columns(session, joint, |_| 1.0, ("rad", "rad", 0.02))
+        if shape.is_empty() {
+            return arm::turn_columns(session, joint, |_| 1.0, ("rad", "rad", 0.02));
+        }
+        arm::bent_columns(session, joint)
     }
 
     fn compensate(&self, _session: &Session, term: &Fitted<'_>) -> Vec<Compensation> {
@@ -40,3 +47,7 @@ impl Effect for EncoderOffset {
         "held poses far apart, with a known weight at the tip"
     }
 }
+
+/// A turn so small that loads change in proportion to it, or one that bends them.
+const TANGENT: Shape = Shape::new();
+const ARC: f64 = 1.0;

@@ -46,13 +46,13 @@ impl Effect for Hysteresis {
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];
-        if shape[1] == ONE {
-            return vec![Column::value("relative", "1", 0.5, channel, play(session, own, shape[0]))];
-        }
-        let columns = SPREAD.map(|(factor, name)| {
-            Column::value(name, "1", 0.5, channel, play(session, own, shape[0] * factor))
-        });
-        columns.into_iter().collect()
+        let plays = if shape[1] == ONE { &SPREAD[1..2] } else { &SPREAD[..] };
+        let column = |(factor, name): &(f64, &str)| {
+            Column::value(name, "1", 0.5, channel, play(session, own, shape[0] * factor, MIDDLE))
+        };
+        let mut columns: Vec<Column> = plays.iter().map(column).collect();
+        columns.extend(beginning(session, channel, shape[0]));
+        columns
     }
 
     fn experiment(&self) -> &'static str {
@@ -66,12 +66,29 @@ const SEVERAL: f64 = 3.0;
 /// Widths against the middle one, and what their shares are called.
 const SPREAD: [(f64, &str); 3] = [(0.3, "relative_narrow"), (1.0, "relative"), (3.0, "relative_wide")];
 
+/// Where in its play a signal begins: in the middle, or at an end.
+const MIDDLE: f64 = 0.0;
+const END: f64 = 1.0;
+/// Share of all rows for which a play must remember its beginning to be worth a column.
+const REMEMBERED: f64 = 0.02;
+
+/// What a play that began at its end shows otherwise: where a sensor comes from when a recording begins nobody knows, and until its
+/// load has gone to and fro it remembers that. None where it soon has.
+fn beginning(session: &Session, channel: usize, width: f64) -> Option<Column> {
+    let own = &session.channels[channel];
+    let (middle, end) = (play(session, own, width, MIDDLE), play(session, own, width, END));
+    let change: Vec<f64> = end.iter().zip(&middle).map(|(end, middle)| end - middle).collect();
+    let remembered = change.iter().filter(|change| **change != 0.0).count();
+    (remembered as f64 > REMEMBERED * change.len() as f64)
+        .then(|| Column::value("", "1", 0.5, channel, change).role(Role::Nuisance))
+}
+
 /// A play operator's output less its input (channel's unit), per row, each segment from its beginning.
-fn play(session: &Session, own: &crate::session::Channel, width: f64) -> Vec<f64> {
+fn play(session: &Session, own: &crate::session::Channel, width: f64, from: f64) -> Vec<f64> {
     let radius = width * own.extent();
     let mut values = vec![0.0; session.rows()];
     for rows in &session.segments {
-        let mut play = own.simulated[rows.start];
+        let mut play = own.simulated[rows.start] + from * radius;
         for row in rows.clone() {
             let signal = own.simulated[row];
             play = play.clamp(signal - radius, signal + radius);

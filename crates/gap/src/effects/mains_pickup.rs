@@ -1,5 +1,5 @@
 //! A sine of fixed frequency: mains, or its alias `|f - k fs|`. In runs, whose clocks and pauses nobody knows, the frequency is
-//! free (lines of the gap's spectrum) and the phase is each run's own.
+//! free (lines of the gap's spectrum) and the phase is each stretch's own.
 
 use super::*;
 
@@ -37,7 +37,7 @@ impl Effect for MainsPickup {
         };
         let Place::Channel(channel) = place else { return Vec::new() };
         if session.channels[channel].gauge.is_some() {
-            return lines(session, channel, step_s);
+            return lines(session, channel);
         }
         // A frequency is only a mains' if it can be told from slow motion: several tens of periods in the recording.
         let nyquist_hz = 0.5 / step_s;
@@ -56,7 +56,7 @@ impl Effect for MainsPickup {
         let turn = |t_s: &f64| std::f64::consts::TAU * shape[0] * t_s;
         let plausible = 3.0 * own.rms_gap();
         if own.gauge.is_some() {
-            return by_unit(session, channel, plausible, &turn);
+            return by_stretch(session, channel, plausible, &turn);
         }
         let sine = Column::value(
             "amplitude",
@@ -90,27 +90,90 @@ impl Effect for MainsPickup {
 const SLOWEST_HZ: f64 = 4.0;
 /// Lines of a spectrum that are tried.
 const LINES: usize = 2;
+/// Steps longer than so many usual ones are a gap.
+const GAP: f64 = 1.5;
+/// Turns by which neighbouring frequencies of a search differ over the longest stretch, and between the shapes that are tried.
+const FINE_TURNS: f64 = 0.1;
 
-fn lines(session: &Session, channel: usize, step_s: f64) -> Vec<Shape> {
-    let own = &session.channels[channel];
-    let pieces: Vec<&[f64]> = session.segments.iter().map(|rows| &own.gap[rows.clone()]).collect();
-    let found = crate::spectrum::lines_hz(&pieces, step_s, SLOWEST_HZ, LINES);
-    // A little beside the line on either side, so that it can be searched between.
-    let width_hz = session.longest_s().map_or(0.0, |longest_s| 0.25 / longest_s);
-    found.into_iter().flat_map(|hz| [hz - width_hz, hz, hz + width_hz]).map(|hz| vec![hz]).collect()
+/// Frequencies (Hz) of the gap's strongest lines: from spectra of what was sampled evenly, then by the stamps themselves, since the
+/// phase must hold over all of a stretch; each with a little less and a little more, so that it can be searched between.
+fn lines(session: &Session, channel: usize) -> Vec<Shape> {
+    let (Some(time_s), Some(usual_s)) = (&session.time_s, session.step_s()) else { return Vec::new() };
+    let gap = &session.channels[channel].gap;
+    let pieces = evenly_sampled(session, time_s, GAP * usual_s);
+    let steps = pieces.iter().map(|rows| rows.len() - 1).sum::<usize>().max(1);
+    // Stamps scatter: the mean step is exact, the median of them is off by more than a line is wide.
+    let step_s =
+        pieces.iter().map(|rows| time_s[rows.end - 1] - time_s[rows.start]).sum::<f64>() / steps as f64;
+    let values: Vec<&[f64]> = pieces.iter().map(|rows| &gap[rows.clone()]).collect();
+    let longest_s = pieces.iter().map(std::ops::Range::len).max().unwrap_or(0) as f64 * step_s;
+    let stretches = stretches(session);
+    let length_s = |(_, rows): &(usize, std::ops::Range<usize>)| time_s[rows.end - 1] - time_s[rows.start];
+    let fine_hz = FINE_TURNS / stretches.iter().map(length_s).fold(longest_s, f64::max).max(step_s);
+    let mut shapes = Vec::new();
+    for coarse_hz in crate::spectrum::lines_hz(&values, step_s, SLOWEST_HZ, LINES) {
+        let tried = (0.5 / longest_s / fine_hz).ceil() as i64;
+        let power = |step: &i64| -> f64 {
+            let turn = std::f64::consts::TAU * (coarse_hz + *step as f64 * fine_hz);
+            stretches.iter().map(|(_, rows)| power_at(turn, &time_s[rows.clone()], &gap[rows.clone()])).sum()
+        };
+        let powers: Vec<(f64, i64)> = (-tried..=tried).map(|step| (power(&step), step)).collect();
+        let best = powers.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map_or(0, |(_, step)| *step);
+        let near = |step: i64| vec![coarse_hz + step as f64 * fine_hz];
+        shapes.extend([best - 1, best, best + 1].map(near));
+    }
+    shapes
 }
 
-/// A sine and a cosine for every unit.
-fn by_unit(session: &Session, channel: usize, plausible: f64, turn: &impl Fn(&f64) -> f64) -> Vec<Column> {
+/// Stretches of rows that are no further apart than `gap_s`.
+fn evenly_sampled(session: &Session, time_s: &[f64], gap_s: f64) -> Vec<std::ops::Range<usize>> {
+    let segments = session.segments.iter().filter(|rows| !rows.is_empty());
+    let pieces = segments.flat_map(|rows| {
+        let is_gap = |row: &usize| time_s[*row] - time_s[*row - 1] > gap_s;
+        let cuts = (rows.start + 1..rows.end).filter(is_gap);
+        let starts: Vec<usize> = std::iter::once(rows.start).chain(cuts).collect();
+        let ends = starts.iter().skip(1).copied().chain([rows.end]).collect::<Vec<_>>();
+        starts.into_iter().zip(ends).map(|(from, to)| from..to)
+    });
+    pieces.collect()
+}
+
+/// Units and rows of what lies together and in one unit: over these a phase holds.
+fn stretches(session: &Session) -> Vec<(usize, std::ops::Range<usize>)> {
+    let unit = |row: usize| session.hold_out.unit_of_block[session.hold_out.block_of_row[row]];
+    let mut out: Vec<(usize, std::ops::Range<usize>)> = Vec::new();
+    for rows in &session.segments {
+        for row in rows.clone() {
+            match out.last_mut() {
+                Some((own, last)) if row > rows.start && *own == unit(row) => last.end = row + 1,
+                _ => out.push((unit(row), row..row + 1)),
+            }
+        }
+    }
+    out
+}
+
+/// `|sum of g exp(-i turn t)|^2` (turn in rad/s).
+fn power_at(turn: f64, time_s: &[f64], gap: &[f64]) -> f64 {
+    let add = |(re, im): (f64, f64), (t_s, value): (&f64, &f64)| {
+        let (sin, cos) = (turn * t_s).sin_cos();
+        (re + value * cos, im + value * sin)
+    };
+    let (re, im) = time_s.iter().zip(gap).fold((0.0, 0.0), add);
+    re * re + im * im
+}
+
+/// A sine and a cosine for every stretch.
+fn by_stretch(session: &Session, channel: usize, plausible: f64, turn: &impl Fn(&f64) -> f64) -> Vec<Column> {
     let Some(time_s) = &session.time_s else { return Vec::new() };
     let own = &session.channels[channel];
-    let hold_out = &session.hold_out;
     let mut columns = Vec::new();
-    for unit in 0..hold_out.units.len() {
-        let is_here = |row: usize| hold_out.unit_of_block[hold_out.block_of_row[row]] == unit;
+    for (unit, rows) in stretches(session) {
         for function in [f64::sin, f64::cos] {
-            let value = |(row, t_s): (usize, &f64)| if is_here(row) { function(turn(t_s)) } else { 0.0 };
-            let values = time_s.iter().enumerate().map(value).collect();
+            let mut values = vec![0.0; session.rows()];
+            for row in rows.clone() {
+                values[row] = function(turn(&time_s[row]));
+            }
             let column = Column::value("", &own.unit, plausible, channel, values);
             columns.push(Column { unit_only: Some(unit), ..column });
         }

@@ -34,7 +34,8 @@ impl Effect for Saturation {
         let Place::Channel(channel) = place else { return Vec::new() };
         let (middle, half) = span(&session.channels[channel].simulated);
         let parts = [-0.95, -0.9, -0.8, -0.7, -0.6, -0.4, 0.4, 0.6, 0.7, 0.8, 0.9, 0.95];
-        parts.map(|part| vec![middle + part * half]).to_vec()
+        let tried = parts.map(|part| middle + part * half);
+        tried.into_iter().chain(outermost(session, channel)).map(|limit| vec![limit]).collect()
     }
 
     fn is_continuous(&self) -> bool {
@@ -59,4 +60,24 @@ impl Effect for Saturation {
 fn span(values: &[f64]) -> (f64, f64) {
     let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
     ((low + high) / 2.0, (high - low) / 2.0)
+}
+
+/// Readings that make a limit, on each side.
+const AT_THE_LIMIT: usize = 25;
+
+/// Lowest and highest of what was read (channel's unit), by the median of the outermost readings: a limit that is reached is where these
+/// are, even if only one recording reaches it. Where recordings have seconds, of the even ones, as for all that one unit shows alone.
+fn outermost(session: &Session, channel: usize) -> Vec<f64> {
+    let own = &session.channels[channel];
+    let hold_out = &session.hold_out;
+    let may_look = |row: &usize| {
+        own.is_read(*row) && (hold_out.is_even.is_empty() || hold_out.is_even(hold_out.block_of_row[*row]))
+    };
+    let mut read: Vec<f64> =
+        (0..session.rows()).filter(may_look).map(|row| own.simulated[row] + own.gap[row]).collect();
+    if read.len() < 4 * AT_THE_LIMIT {
+        return Vec::new();
+    }
+    read.sort_by(f64::total_cmp);
+    vec![read[AT_THE_LIMIT / 2], read[read.len() - 1 - AT_THE_LIMIT / 2]]
 }

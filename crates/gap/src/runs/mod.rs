@@ -156,7 +156,7 @@ impl Table {
             hold_out,
             repeats,
             notes,
-            arm_columns: std::cell::OnceCell::new(),
+            arm_columns: std::sync::OnceLock::new(),
         })
     }
 
@@ -305,7 +305,8 @@ fn kinematics(chain: Chain, channels: &[Channel], rig: &Rig, prediction: &Predic
 
 /// What the runs leave open, and what to record for it.
 fn notes(runs: &[(&Run, &Recording)], channels: &[Channel]) -> Vec<String> {
-    let mut notes: Vec<String> = runs.iter().filter_map(|(_, recording)| recording.oddities()).collect();
+    let mut notes: Vec<String> = runs.iter().filter_map(|(_, recording)| recording.thinned.clone()).collect();
+    notes.extend(runs.iter().filter_map(|(_, recording)| recording.oddities()));
     let loads = || runs.iter().flat_map(|(run, _)| run.loads.intervals());
     if loads().all(|load| load.mass_kg == 0.0) && runs.iter().all(|(run, _)| run.reference.is_none()) {
         notes.push(
@@ -324,7 +325,7 @@ fn notes(runs: &[(&Run, &Recording)], channels: &[Channel]) -> Vec<String> {
         let (read, rows) = (channel.count(), channel.gap.len());
         if read * 20 < rows * 19 {
             notes.push(format!(
-                "{} has a usable reading at {read} of {rows} instants (saturated or absent elsewhere): nothing is concluded from the others",
+                "{} has a usable reading at {read} of {rows} instants (elsewhere saturated, absent, or in a motion too uncertain): nothing is concluded from the others",
                 channel.name
             ));
         }

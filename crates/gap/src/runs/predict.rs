@@ -135,10 +135,10 @@ impl Prediction {
     /// How much every gauge answers to accelerations in the present pose.
     fn look(&mut self) {
         self.dynamics.differentiate();
-        let coordinates = self.dynamics.coordinates();
         for (index, gauge) in self.gauges.iter().enumerate() {
-            let by = |k: usize| gauge.compliance.dot(self.dynamics.by_acceleration(index, k));
-            self.by_acceleration[index] = (0..coordinates).map(by).collect();
+            let row = self.dynamics.row_to_tip(index, &gauge.compliance);
+            let felt = self.dynamics.row_by_motion(index, &row);
+            self.by_acceleration[index] = felt.map(|[_, _, by_acceleration]| by_acceleration).collect();
         }
     }
 }

@@ -17,103 +17,119 @@
 
 use nalgebra::{Vector3, Vector6};
 
-use super::outboard::{Composite, Screw, Sum};
+use super::outboard::{Composite, Field, Screw, Sum};
 use super::{Dynamics, Motion, Turn};
 use crate::spatial::{Pose, Tip, Wrench, join};
 
-/// Tables of derivatives, one row per section, and what they are computed from.
+/// What the derivatives are read from: sums over the mass outboard of each segment, and what each joint's change does to it.
 #[derive(Debug, Clone)]
 pub(super) struct Derivatives {
     composites: Vec<Composite>,
-    screws: Vec<Screw>,
-    by_position: Vec<Vector6<f64>>,
-    by_velocity: Vec<Vector6<f64>>,
-    by_acceleration: Vec<Vector6<f64>>,
+    joints: Vec<Change>,
+}
+
+/// A joint's change: the fields of acceleration by its position, velocity and acceleration, and their sums over all that it carries.
+#[derive(Debug, Clone)]
+struct Change {
+    screw: Screw,
+    fields: [Field; 3],
+    carried: [Sum; 3],
 }
 
 impl Derivatives {
-    pub(super) fn new(segments: usize, sections: usize, coordinates: usize) -> Self {
+    pub(super) fn new(segments: usize, coordinates: usize) -> Self {
         let screw = Screw {
             axis: Vector3::z(),
             point_m: Vector3::zeros(),
             inboard: Motion::at_rest(&Vector3::zeros()),
             inboard_mps: Vector3::zeros(),
         };
-        let table = vec![Vector6::zeros(); sections * coordinates];
-        Self {
-            composites: vec![Composite::zero(); segments],
-            screws: vec![screw; coordinates],
-            by_position: table.clone(),
-            by_velocity: table.clone(),
-            by_acceleration: table,
-        }
+        let nothing = (Vector3::zeros(), Vector3::zeros());
+        let change = Change { screw, fields: screw.fields(), carried: [nothing; 3] };
+        Self { composites: vec![Composite::zero(); segments], joints: vec![change; coordinates] }
     }
 }
 
 impl Dynamics {
-    /// Computes the loads' derivatives at the state of the last update, whichever it was.
+    /// Computes what the loads' derivatives are read from, at the state of the last update, whichever it was.
     ///
-    /// Exact; does not allocate; some 15 times as long as the update itself on the reference arm with eight sections.
+    /// Exact; does not allocate; about as long as the update itself.
     pub fn differentiate(&mut self) {
         self.collect();
-        for section in 0..self.sections.len() {
-            for coordinate in 0..self.coordinates {
-                let place = section * self.coordinates + coordinate;
-                let outboard = self.turning[coordinate] > self.sections[section];
-                let felt = self.turning[coordinate].max(self.sections[section]);
-                let composite = &self.derivatives.composites[felt];
-                let screw = &self.derivatives.screws[coordinate];
-                let position = match outboard {
-                    true => add(composite.sum(&screw.by_position()), self.turned_load(coordinate)),
-                    false => composite.sum(&screw.by_position()),
-                };
-                let velocity = composite.sum(&screw.by_velocity());
-                let acceleration = composite.sum(&screw.by_acceleration());
-                self.derivatives.by_position[place] = self.reaction(section, position);
-                self.derivatives.by_velocity[place] = self.reaction(section, velocity);
-                self.derivatives.by_acceleration[place] = self.reaction(section, acceleration);
-            }
-        }
-    }
-
-    /// The same after an update at rest, faster: the rates are taken as zero, and with them the derivative by velocity.
-    pub fn differentiate_static(&mut self) {
-        self.collect_static();
-        for section in 0..self.sections.len() {
-            for coordinate in 0..self.coordinates {
-                let place = section * self.coordinates + coordinate;
-                let outboard = self.turning[coordinate] > self.sections[section];
-                let felt = self.turning[coordinate].max(self.sections[section]);
-                let composite = &self.derivatives.composites[felt];
-                let screw = &self.derivatives.screws[coordinate];
-                let constant = -screw.axis.cross(&screw.inboard.proper_mps2);
-                let force = constant * composite.mass_kg;
-                let weight = (force, composite.first_kgm.cross(&constant));
-                let position = if outboard { add(weight, self.turned_load(coordinate)) } else { weight };
-                let acceleration = composite.sum(&screw.by_acceleration());
-                self.derivatives.by_position[place] = self.reaction(section, position);
-                self.derivatives.by_velocity[place] = Vector6::zeros();
-                self.derivatives.by_acceleration[place] = self.reaction(section, acceleration);
-            }
+        for coordinate in 0..self.coordinates {
+            let turned = self.turned_load(coordinate);
+            let Derivatives { composites, joints } = &mut self.derivatives;
+            let (carried, joint) = (&composites[self.turning[coordinate]], &mut joints[coordinate]);
+            joint.fields = joint.screw.fields();
+            joint.carried = joint.fields.each_ref().map(|field| carried.sum(field));
+            joint.carried[0] = add(joint.carried[0], turned);
         }
     }
 
     /// Derivative of a section's load (in S) by a coordinate: N/rad, Nm/rad; as of the last `differentiate`.
     #[must_use]
-    pub fn by_position(&self, section: usize, coordinate: usize) -> &Vector6<f64> {
-        &self.derivatives.by_position[section * self.coordinates + coordinate]
+    pub fn by_position(&self, section: usize, coordinate: usize) -> Vector6<f64> {
+        self.derivative(section, coordinate, 0)
     }
 
     /// Derivative of a section's load (in S) by a joint's velocity: N s/rad, Nm s/rad; as of the last `differentiate`.
     #[must_use]
-    pub fn by_velocity(&self, section: usize, coordinate: usize) -> &Vector6<f64> {
-        &self.derivatives.by_velocity[section * self.coordinates + coordinate]
+    pub fn by_velocity(&self, section: usize, coordinate: usize) -> Vector6<f64> {
+        self.derivative(section, coordinate, 1)
     }
 
     /// Derivative of a section's load (in S) by a joint's acceleration: N s^2/rad, Nm s^2/rad; as of the last `differentiate`.
     #[must_use]
-    pub fn by_acceleration(&self, section: usize, coordinate: usize) -> &Vector6<f64> {
-        &self.derivatives.by_acceleration[section * self.coordinates + coordinate]
+    pub fn by_acceleration(&self, section: usize, coordinate: usize) -> Vector6<f64> {
+        self.derivative(section, coordinate, 2)
+    }
+
+    /// All derivatives of what a gauge senses of the section's load, by each coordinate's position, velocity and acceleration in turn:
+    /// counts s^k/rad; for the gauge's row to the tip (counts/N, counts/Nm, as [`Self::row_to_tip`] has it), as of the last `differentiate`.
+    ///
+    /// The same as the compliance's products with the derivatives, for a fraction of the work: the row's share of the mass is summed once.
+    pub fn row_by_motion<'a>(
+        &'a self,
+        section: usize,
+        row: &Vector6<f64>,
+    ) -> impl Iterator<Item = [f64; 3]> + 'a {
+        let (force, moment) = (row.fixed_rows::<3>(0).into_owned(), row.fixed_rows::<3>(3).into_owned());
+        let felt = self.derivatives.composites[self.sections[section]].felt(&force, &moment);
+        self.derivatives.joints.iter().enumerate().map(move |(coordinate, change)| {
+            match self.carries(coordinate, section) {
+                true => change.fields.each_ref().map(|field| -felt.of(field)),
+                false => change.carried.map(|(f, m)| -(force.dot(&f) + moment.dot(&m))),
+            }
+        })
+    }
+
+    /// Whether a joint's turning moves the section as a whole, with all that is outboard of it.
+    fn carries(&self, coordinate: usize, section: usize) -> bool {
+        self.turning[coordinate] <= self.sections[section]
+    }
+
+    fn derivative(&self, section: usize, coordinate: usize, of: usize) -> Vector6<f64> {
+        let change = &self.derivatives.joints[coordinate];
+        let sum = match self.carries(coordinate, section) {
+            true => self.derivatives.composites[self.sections[section]].sum(&change.fields[of]),
+            false => change.carried[of],
+        };
+        self.reaction(section, sum)
+    }
+
+    /// Change by a coordinate of a tip wrench, constant in E, as a section inboard of the joint feels it: N/rad, Nm/rad about E's origin,
+    /// in E as it was. Needs a `differentiate` at this state.
+    #[must_use]
+    pub fn turned_wrench(&self, coordinate: usize, wrench: &Wrench<Tip>) -> Vector6<f64> {
+        let (force, moment) =
+            self.derivatives.joints[coordinate].screw.turned(&wrench.force_n, &wrench.moment_nm);
+        join(&force, &moment)
+    }
+
+    /// Whether a joint's turning turns a tip wrench against a section: it lies outboard of it.
+    #[must_use]
+    pub fn turns_tip(&self, coordinate: usize, section: usize) -> bool {
+        !self.carries(coordinate, section)
     }
 
     /// Derivative by a coordinate of what a tip wrench, constant in E, adds to a section's load (in S): N/rad, Nm/rad.
@@ -126,10 +142,10 @@ impl Dynamics {
         coordinate: usize,
         wrench: &Wrench<Tip>,
     ) -> Vector6<f64> {
-        if self.turning[coordinate] <= self.sections[section] {
+        if self.carries(coordinate, section) {
             return Vector6::zeros();
         }
-        let turned = self.derivatives.screws[coordinate].turned(&wrench.force_n, &wrench.moment_nm);
+        let turned = self.derivatives.joints[coordinate].screw.turned(&wrench.force_n, &wrench.moment_nm);
         -self.reaction(section, turned)
     }
 
@@ -138,7 +154,7 @@ impl Dynamics {
         let state = &self.states[self.turning[coordinate]];
         let at_tip = state.moment_nm - state.tip.translation_m.cross(&state.force_n);
         let (force, moment) = (state.tip.rotation.tr_mul(&state.force_n), state.tip.rotation.tr_mul(&at_tip));
-        self.derivatives.screws[coordinate].turned(&-force, &-moment)
+        self.derivatives.joints[coordinate].screw.turned(&-force, &-moment)
     }
 
     /// Load in S that answers a sum of `(b, r x b)` given in E: shifted, turned and reversed.
@@ -166,7 +182,7 @@ impl Dynamics {
             let to_tip = tip.inverse();
             let rotation = tip.rotation.tr_mul(&self.states[index].motion.velocity_rad_s);
             if let Turn::Coordinate(coordinate) = self.segments[index].turn {
-                self.derivatives.screws[coordinate] = Screw {
+                self.derivatives.joints[coordinate].screw = Screw {
                     axis: to_tip.rotation * Vector3::z(),
                     point_m: to_tip.translation_m,
                     inboard: self.inboard(index),
@@ -176,23 +192,7 @@ impl Dynamics {
             }
             inboard = rotation;
             self.derivatives.composites[index] =
-                Composite::of(&self.segments[index].body, &to_tip).moving(&velocity_mps, &rotation);
-        }
-        self.accumulate();
-    }
-
-    fn collect_static(&mut self) {
-        for index in 0..self.segments.len() {
-            let state = &self.states[index];
-            let to_tip = state.tip.inverse();
-            if let Turn::Coordinate(coordinate) = self.segments[index].turn {
-                let screw = &mut self.derivatives.screws[coordinate];
-                screw.axis = to_tip.rotation * Vector3::z();
-                screw.point_m = to_tip.translation_m;
-                screw.inboard = Motion::at_rest(&-(to_tip.rotation * state.motion.proper_mps2));
-                screw.inboard_mps = Vector3::zeros();
-            }
-            self.derivatives.composites[index] = Composite::of(&self.segments[index].body, &to_tip);
+                Composite::of(&self.segments[index].body, &to_tip, &velocity_mps, &rotation);
         }
         self.accumulate();
     }
@@ -203,7 +203,7 @@ impl Dynamics {
         for composite in self.derivatives.composites.iter_mut().rev() {
             outboard.mass_kg += composite.mass_kg;
             outboard.first_kgm += composite.first_kgm;
-            outboard.second_kgm2 += composite.second_kgm2;
+            outboard.inertia_kgm2 += composite.inertia_kgm2;
             outboard.momentum += composite.momentum;
             outboard.velocity_moment += composite.velocity_moment;
             *composite = outboard;

@@ -42,7 +42,7 @@ pub(super) fn flatten(chain: &Chain, sections: &[Section]) -> Dynamics {
         gravity_mps2: chain.gravity_mps2,
         coordinates,
         states: flat.segments.iter().map(|segment| at_zero(segment, &chain.gravity_mps2)).collect(),
-        derivatives: Derivatives::new(flat.segments.len(), flat.sections.len(), coordinates),
+        derivatives: Derivatives::new(flat.segments.len(), coordinates),
         unloaded: flat.segments.last().map_or_else(RigidBody::zero, |last| last.body),
         segments: flat.segments,
         sections: flat.sections,

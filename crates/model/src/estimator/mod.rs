@@ -13,10 +13,12 @@
 
 mod arm;
 mod gls;
+mod redundancy;
 mod zero;
 
 pub use arm::{ArmModel, Deviation};
-pub use gls::{Fit, Gls, NoFit, singular_values};
+pub use gls::{Estimate, Fit, Gls, NoFit, singular_values};
+pub use redundancy::Redundancy;
 pub use zero::Zero;
 
 use crate::chain::{Chain, Section};
@@ -43,6 +45,12 @@ const EXPECTED_FORCE_N: f64 = 10.0;
 
 /// The same for moments, Nm.
 const EXPECTED_MOMENT_NM: f64 = 1.0;
+
+/// Columns of the wrench as they compare: forces in N, moments over a length.
+const COLUMN_SCALE: [f64; 6] = {
+    let length = CHARACTERISTIC_LENGTH_M;
+    [1.0, 1.0, 1.0, length, length, length]
+};
 
 /// One calibrated gauge, as the estimator uses it.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,6 +102,9 @@ pub struct Solution {
     pub parity_chi2: f64,
     /// Degrees of freedom of the parity residual: gauges used minus six.
     pub parity_dof: usize,
+    /// The largest error that a fault of one gauge can hide from the spare ones, for each component (N, Nm); infinite where nothing was
+    /// checked, or nothing can be.
+    pub protection: [f64; 6],
 }
 
 /// Why there is no wrench.
@@ -121,8 +132,16 @@ pub struct WrenchEstimator {
     encoders_rad: Vec<f64>,
     /// Gauges that have a reading at this instant.
     present: Vec<Row>,
-    /// Effect of one shared error on each row, counts.
+    /// What each row senses of each joint's position, velocity and acceleration, row by row: counts s^k/rad.
+    by_motion: Vec<[f64; 3]>,
+    /// Each joint's uncertain motion as independent errors (position, velocity, acceleration).
+    roots: Vec<[[f64; 3]; 3]>,
+    /// How each joint's position turns the wrench against what is inboard of it.
+    turned: Vec<Vector6<f64>>,
+    /// What errors of unit variance that move rows together do to each, row by row, counts.
     shared: Vec<f64>,
+    /// Variance to leave out, one a row, counts^2.
+    white: Vec<f64>,
 }
 
 /// One gauge's equation at this instant.
@@ -146,6 +165,7 @@ impl WrenchEstimator {
     pub fn with_arm(chain: &Chain, sections: &[Section], gauges: Vec<GaugeModel>, arm: ArmModel) -> Self {
         let dynamics = Dynamics::new(chain, sections);
         let (n, coordinates) = (gauges.len(), dynamics.coordinates());
+        let errors = 3 * coordinates + arm.deviations.len();
         Self {
             dynamics,
             arm: Arm::new(chain, sections, arm),
@@ -153,7 +173,11 @@ impl WrenchEstimator {
             motion: std::array::from_fn(|_| vec![0.0; coordinates]),
             encoders_rad: vec![0.0; coordinates],
             present: Vec::with_capacity(n),
-            shared: Vec::with_capacity(n),
+            by_motion: Vec::with_capacity(n * coordinates),
+            roots: Vec::with_capacity(coordinates),
+            turned: Vec::with_capacity(coordinates),
+            shared: Vec::with_capacity(n * errors),
+            white: Vec::with_capacity(n),
             zeros: vec![Zero::CALIBRATED; n],
             gauges,
         }
@@ -198,6 +222,44 @@ impl WrenchEstimator {
         self.present.iter().map(|row| row.gauge).zip(self.gls.whitened_residuals().iter().copied())
     }
 
+    /// Gauges used by the last estimate, in the order of the rows of its redundancy.
+    pub fn present(&self) -> impl ExactSizeIterator<Item = usize> + Clone + '_ {
+        self.present.iter().map(|row| row.gauge)
+    }
+
+    /// How faults of single gauges would show in the last estimate, which gave `wrench`; false where it gave none.
+    pub fn redundancy(&mut self, wrench: &Wrench<Tip>, out: &mut Redundancy) -> bool {
+        self.gls.redundancy(&wrench.to_vector(), None, out)
+    }
+
+    /// The same for means over so many instants, when so much of each gauge's variance (counts^2) is new at each of them.
+    pub fn redundancy_of_means(
+        &mut self,
+        wrench: &Wrench<Tip>,
+        white_counts2: &[f64],
+        instants: f64,
+        out: &mut Redundancy,
+    ) -> bool {
+        self.white.clear();
+        let gone = 1.0 - instants.max(1.0).recip();
+        self.white.extend(self.present.iter().map(|row| white_counts2[row.gauge] * gone));
+        self.gls.redundancy(&wrench.to_vector(), Some(&self.white), out)
+    }
+
+    /// What a gauge that is left out reads beyond what the others predict of it, and the standard deviation of that, counts; by the
+    /// last estimate, which gave `solution`.
+    pub fn deviation_counts(&self, gauge: usize, reading: &GaugeReading, solution: &Solution) -> (f64, f64) {
+        let model = &self.gauges[gauge];
+        let tip = self.dynamics.row_to_tip(gauge, &model.compliance);
+        let value = self.unexplained_counts(gauge, reading) - self.zeros[gauge].shift_counts;
+        let row = Row { gauge, tip, value, reading: *reading };
+        let variance = model.noise_counts2
+            + reading.unsettled_counts2
+            + self.calibration_variance(&row, &solution.wrench)
+            + (tip.transpose() * solution.covariance * tip)[(0, 0)];
+        (value - tip.dot(&solution.wrench.to_vector()), variance.max(0.0).sqrt())
+    }
+
     /// The wrench at one instant from each joint's motion and each gauge's reading (`None`: absent).
     ///
     /// Two passes: the first weighs the gauges as if little were known of the wrench, the second with the uncertainty
@@ -218,19 +280,23 @@ impl WrenchEstimator {
         self.yield_under(&Wrench::zero());
         self.dynamics.differentiate();
         self.collect(readings);
-        let first = self.solve(motion, None)?;
+        self.sense_motion(motion);
+        self.weigh(None);
+        let first = self.gls.estimate(&COLUMN_SCALE)?;
         let wrench = Wrench::from_vector(&first.x);
         if self.yield_under(&wrench) {
             self.collect(readings);
         }
         self.arm.place(&self.motion[0], &wrench);
-        let second = self.solve(motion, Some(&first))?;
+        self.weigh(Some(&first));
+        let second = self.gls.solve(&COLUMN_SCALE)?;
         Ok(Solution {
             wrench: Wrench::from_vector(&second.x),
             covariance: second.covariance,
             singular_values_per_n: second.singular_values,
             parity_chi2: second.chi2,
             parity_dof: self.present.len() - 6,
+            protection: [f64::INFINITY; 6],
         })
     }
 
@@ -265,71 +331,81 @@ impl WrenchEstimator {
         }
     }
 
-    fn solve(&mut self, motion: &[JointMotion], found: Option<&Fit>) -> Result<Fit, NoWrench> {
-        let wrench = found.map_or_else(Wrench::zero, |fit| Wrench::from_vector(&fit.x));
-        self.gls.clear();
+    fn sense_motion(&mut self, motion: &[JointMotion]) {
+        self.roots.clear();
+        self.roots.extend(motion.iter().map(|joint| square_root(&joint.covariance)));
+        self.by_motion.clear();
         for row in &self.present {
+            self.by_motion.extend(self.dynamics.row_by_motion(row.gauge, &row.tip));
+        }
+    }
+
+    /// Hands the rows to the solver with all that is uncertain of them, under the wrench that a first pass found.
+    fn weigh(&mut self, found: Option<&Estimate>) {
+        let wrench = found.map_or_else(Wrench::zero, |fit| Wrench::from_vector(&fit.x));
+        let coordinates = self.dynamics.coordinates();
+        self.turned.clear();
+        self.turned.extend((0..coordinates).map(|k| self.dynamics.turned_wrench(k, &wrench)));
+        self.gls.clear();
+        self.shared.clear();
+        let deviations = if found.is_some() { self.arm.deviations() } else { 0 };
+        for (at, row) in self.present.iter().enumerate() {
             let gauge = &self.gauges[row.gauge];
             let variance = gauge.noise_counts2
                 + row.reading.unsettled_counts2
                 + self.calibration_variance(row, &wrench)
                 + self.unseen_variance(row.gauge, found);
             self.gls.push(&row.tip, row.value, variance);
+            for coordinate in 0..coordinates {
+                let errors =
+                    self.motion_errors(row, coordinate, &self.by_motion[at * coordinates + coordinate]);
+                self.shared.extend_from_slice(&errors);
+            }
+            if deviations > 0 {
+                // Arm and gauges are uncertain together in these directions.
+                let excitation = self.excitation(row.gauge, &row.reading, &wrench);
+                let excited = self.zeros[row.gauge].excited(excitation);
+                let compliance = &gauge.compliance;
+                let change = |d| self.arm.change_counts(d, row.gauge, compliance, &excited, &wrench);
+                self.shared.extend((0..deviations).map(change));
+            }
         }
-        for (coordinate, joint) in motion.iter().enumerate() {
-            self.share_motion_error(coordinate, &joint.covariance, &wrench);
+        self.gls.share(&self.shared, 3 * coordinates + deviations);
+    }
+
+    /// What one joint's uncertain motion, as three independent errors, does to a row, counts: it moves all rows' loads together.
+    #[inline]
+    fn motion_errors(&self, row: &Row, coordinate: usize, by_motion: &[f64; 3]) -> [f64; 3] {
+        let [mut position, velocity, acceleration] = *by_motion;
+        if self.dynamics.turns_tip(coordinate, row.gauge) {
+            position += row.tip.dot(&self.turned[coordinate]);
         }
-        if found.is_some() {
-            self.share_deviations(&wrench);
-        }
-        let length = CHARACTERISTIC_LENGTH_M;
-        self.gls.solve(&[1.0, 1.0, 1.0, length, length, length]).map_err(|e| match e {
-            NoFit::TooFewRows => NoWrench::TooFewGauges,
-            NoFit::Singular => NoWrench::Singular,
-            NoFit::NotFinite => NoWrench::NotFinite,
-        })
+        self.roots[coordinate].map(|root| position * root[0] + velocity * root[1] + acceleration * root[2])
     }
 
     /// Variance that the calibration's uncertainty gives to a gauge under its present load, counts^2.
     fn calibration_variance(&self, row: &Row, wrench: &Wrench<Tip>) -> f64 {
         let gauge = &self.gauges[row.gauge];
         let zero = &self.zeros[row.gauge];
-        let values = zero.excited(&self.excitation(row.gauge, &row.reading, wrench));
+        let values = zero.excited(self.excitation(row.gauge, &row.reading, wrench));
         // Beyond its terms all is zero: most gauges have seven numbers, not sixteen.
         let used = 7 + gauge.terms.terms.len().min(MOST_TERMS);
-        let (values, covariance) = (values.rows(0, used), gauge.covariance.view((0, 0), (used, used)));
-        let calibrated: f64 = (0..used).map(|k| values[k] * covariance.column(k).dot(&values)).sum();
-        calibrated + zero.variance_counts2
+        quadratic(&gauge.covariance, &values.as_slice()[..used]) + zero.variance_counts2
     }
 
     /// What a gauge's numbers are multiplied by in the state of the last estimate and under a tip wrench.
+    #[inline]
     pub fn excitation(&self, gauge: usize, reading: &GaugeReading, wrench: &Wrench<Tip>) -> Excitation {
         let load = self.dynamics.load(gauge) + self.dynamics.load_of_tip_wrench(gauge, wrench).to_vector();
-        let terms = &reading.regressors;
-        SVector::from_fn(|k, _| match k {
-            0..6 => load[k],
-            6 => 1.0,
-            _ => terms[k - 7],
-        })
-    }
-
-    /// Adds the directions in which arm and gauges are uncertain together: they move all rows together.
-    fn share_deviations(&mut self, wrench: &Wrench<Tip>) {
-        for deviation in 0..self.arm.deviations() {
-            self.shared.clear();
-            for row in &self.present {
-                let compliance = &self.gauges[row.gauge].compliance;
-                let excitation = self.excitation(row.gauge, &row.reading, wrench);
-                let excited = self.zeros[row.gauge].excited(&excitation);
-                let change = self.arm.change_counts(deviation, row.gauge, compliance, &excited, wrench);
-                self.shared.push(change);
-            }
-            self.gls.add_shared_error(&self.shared);
-        }
+        let mut excitation = Excitation::zeros();
+        excitation.fixed_rows_mut::<6>(0).copy_from(&load);
+        excitation[6] = 1.0;
+        excitation.as_mut_slice()[7..].copy_from_slice(&reading.regressors);
+        excitation
     }
 
     /// Variance from directions that the calibration never saw, excited by a wrench that is itself uncertain, counts^2.
-    fn unseen_variance(&self, gauge: usize, found: Option<&Fit>) -> f64 {
+    fn unseen_variance(&self, gauge: usize, found: Option<&Estimate>) -> f64 {
         let Some(assumed) = &self.gauges[gauge].assumed else { return 0.0 };
         let adjoint = self.dynamics.tip_adjoint(gauge);
         let wrench_covariance = match found {
@@ -340,23 +416,26 @@ impl WrenchEstimator {
         };
         (adjoint * wrench_covariance * adjoint.transpose()).component_mul(assumed).sum()
     }
+}
 
-    /// Adds one joint's uncertain motion to the covariance of all rows: it moves their loads together.
-    fn share_motion_error(&mut self, coordinate: usize, covariance: &Matrix3<f64>, wrench: &Wrench<Tip>) {
-        for direction in square_root(covariance) {
-            self.shared.clear();
-            for row in &self.present {
-                let (i, d) = (row.gauge, &self.dynamics);
-                let by_position =
-                    d.by_position(i, coordinate) + d.tip_wrench_by_position(i, coordinate, wrench);
-                let change = by_position * direction[0]
-                    + d.by_velocity(i, coordinate) * direction[1]
-                    + d.by_acceleration(i, coordinate) * direction[2];
-                self.shared.push(self.gauges[i].compliance.dot(&change));
-            }
-            self.gls.add_shared_error(&self.shared);
+impl From<NoFit> for NoWrench {
+    fn from(why: NoFit) -> Self {
+        match why {
+            NoFit::TooFewRows => Self::TooFewGauges,
+            NoFit::Singular => Self::Singular,
+            NoFit::NotFinite => Self::NotFinite,
         }
     }
+}
+
+/// `v' M v` for a symmetric matrix, as far as the vector goes.
+fn quadratic(matrix: &GaugeCovariance, vector: &[f64]) -> f64 {
+    let column = |(k, value): (usize, &f64)| {
+        let column = matrix.column(k);
+        let above: f64 = column.iter().zip(&vector[..k]).map(|(m, v)| m * v).sum();
+        value * (2.0 * above + column[k] * value)
+    };
+    vector.iter().enumerate().map(column).sum()
 }
 
 /// Vectors whose outer products sum to a covariance (its Cholesky columns, last component first, so that

@@ -25,8 +25,9 @@ impl Zero {
     pub const CALIBRATED: Self = Self { shift_counts: 0.0, variance_counts2: 0.0, found_at: None };
 
     /// The part of an excitation in which errors of the gauge's numbers still show.
-    pub(super) fn excited(&self, excitation: &Excitation) -> Excitation {
-        let Some(found_at) = &self.found_at else { return *excitation };
+    #[inline]
+    pub(super) fn excited(&self, excitation: Excitation) -> Excitation {
+        let Some(found_at) = &self.found_at else { return excitation };
         let mut excited = excitation - found_at;
         excited[BIAS] = 0.0;
         excited
@@ -40,10 +41,10 @@ mod tests {
     #[test]
     fn a_zero_found_later_hides_errors_where_it_was_found() {
         let excitation = Excitation::from_fn(|k, _| if k == BIAS { 1.0 } else { k as f64 });
-        assert_eq!(Zero::CALIBRATED.excited(&excitation), excitation);
+        assert_eq!(Zero::CALIBRATED.excited(excitation), excitation);
         let zero = Zero { shift_counts: 7.0, variance_counts2: 0.5, found_at: Some(excitation) };
-        assert_eq!(zero.excited(&excitation), Excitation::zeros());
-        let other = zero.excited(&Excitation::zeros());
+        assert_eq!(zero.excited(excitation), Excitation::zeros());
+        let other = zero.excited(Excitation::zeros());
         assert_eq!((other[BIAS], other[2], other[9]), (0.0, -2.0, -9.0));
     }
 }

@@ -21,6 +21,9 @@ const FIRST: usize = 8;
 /// After a longer silence than this nothing is known of the step, s.
 const FORGET_S: f64 = 0.5;
 
+/// Who keeps rounds back for up to so long hands them on afterwards, s; what was sent during a longer silence is lost.
+const BACKLOG_S: f64 = 1.0;
+
 /// What the boards' time goes on by where nothing is known of the step, ns: longer than any filter carries on.
 const JUMP_NS: i64 = 1_000_000_000;
 
@@ -45,6 +48,8 @@ pub struct RoundClock {
     long_run: LongRun,
     /// Period of a rhythm that was lost, s.
     former_s: Option<f64>,
+    /// What rounds that were kept back during a silence may still have to catch up, s.
+    behind_s: f64,
     /// The intervals so far, until there are enough to know the period, s a cycle.
     gathered: [f64; FIRST],
     count: usize,
@@ -70,14 +75,34 @@ impl RoundClock {
                 scatter_s: step.scatter_s,
             },
             None => {
-                self.forget();
-                self.floor = Floor::default();
-                self.long_run = LongRun::default();
+                self.fall_silent(interval_s, cycles);
                 Sampled { at_ns: before.at_ns + JUMP_NS, ..before }
             }
         };
+        let step_s = (sampled.at_ns - before.at_ns) as f64 * 1e-9;
+        self.behind_s = (self.behind_s - (step_s - interval_s).max(0.0)).max(0.0);
         self.last = Some((sampled, stamp_ns));
         sampled
+    }
+
+    /// After a silence. A quartz keeps its period through a short one, and what follows it may be what was kept back.
+    fn fall_silent(&mut self, interval_s: f64, cycles: Option<u32>) {
+        let period_s = self.period_s().filter(|_| (0.0..=BACKLOG_S).contains(&interval_s));
+        self.forget();
+        self.floor = Floor::default();
+        self.former_s = period_s;
+        self.behind_s = period_s.map_or(0.0, |_| interval_s);
+        match (period_s, cycles) {
+            (Some(period_s), Some(cycles)) => {
+                self.long_run.observe(interval_s, cycles.into(), period_s);
+            }
+            _ => self.long_run = LongRun::default(),
+        }
+    }
+
+    /// The period, or what it was when it was last known, s.
+    fn period_s(&self) -> Option<f64> {
+        self.rhythm.as_ref().map(Rhythm::period_s).or(self.former_s)
     }
 
     /// The step, in doubt where its cycles contradict those of the last seconds.
@@ -135,8 +160,12 @@ impl RoundClock {
         let sigma_s = 0.5 * (interval_s - s).abs() + UNSURE * period_s;
         if self.count == FIRST {
             self.rhythm = Some(match (self.former_s, cycles) {
-                // A quartz does not change its period: that takes intervals that agree on another one.
-                (Some(former_s), Some(_)) if !agree(intervals, found_s) => Rhythm::again(former_s, intervals),
+                // A quartz does not change its period: that takes intervals that agree on another one, and are not those of a burst.
+                (Some(former_s), Some(_))
+                    if !agree(intervals, found_s) || (self.behind_s > 0.0 && found_s < 0.5 * former_s) =>
+                {
+                    Rhythm::again(former_s, intervals)
+                }
                 _ => Rhythm::new(found_s, intervals),
             });
             // Against a period that was wrong every stamp wandered.
@@ -302,6 +331,22 @@ mod tests {
             for (error, sigma) in steps(&exact, counted) {
                 assert!(error.abs() < 1e-6 || error.abs() < 1.5 * sigma, "{error} {sigma}");
             }
+        }
+    }
+
+    /// A gateway that stands still for longer than anything is known, and then hands on what it kept back.
+    #[test]
+    fn a_burst_after_a_silence_is_not_another_period() {
+        let late_ns = |k: i64| (500 * PERIOD_NS + 600_000_000 + (k - 500) * 300_000).max(k * PERIOD_NS);
+        let stamp_ns = |k: i64| if k < 500 { k * PERIOD_NS } else { late_ns(k) };
+        let mut clock = RoundClock::default();
+        let sampled: Vec<Sampled> = (0..800).map(|k| clock.observe(stamp_ns(k), Some(1))).collect();
+        for (k, pair) in sampled.windows(2).enumerate().skip(50).filter(|(k, _)| *k != 499) {
+            let error_s = (pair[1].at_ns - pair[0].at_ns - PERIOD_NS) as f64 * 1e-9;
+            let sigma_s = (pair[1].walked_s2 - pair[0].walked_s2).sqrt();
+            assert!(error_s.abs() < 1e-4 && error_s.abs() < 1e-6 + 4.0 * sigma_s, "{k}: {error_s} {sigma_s}");
+            // By the end of the burst and two looks at the rhythm all is as before.
+            assert!(k < 610 || sigma_s < 1e-4, "{k}: {sigma_s}");
         }
     }
 

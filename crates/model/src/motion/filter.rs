@@ -15,15 +15,71 @@ const FORGET_NS: i64 = 500_000_000;
 /// whether they predict anything.
 const NEEDED: u8 = 5;
 
+/// Readings before a motion is known again after a jump: what made it may come again.
+const NEEDED_AFTER_JUMP: u8 = 12;
+
+/// A reading that is farther from every prediction than noise explains, by more than this acceleration could have done since the last
+/// one, may be a glitch, rad/s^2: one reading less does no harm.
+const UNLIKELY_RAD_S2: f64 = 20.0;
+
+/// If the next one is off by more than this acceleration could have done it was no glitch and is no motion, rad/s^2: robot joints reach tens.
+const IMPOSSIBLE_RAD_S2: f64 = 100.0;
+
+/// An acceleration beyond this is not believed, rad/s^2: then nothing is known of the motion.
+const UNBELIEVED_RAD_S2: f64 = 50.0;
+
+/// What noise explains, standard deviations of the filter that expects most.
+const NOISE_SIGMA: f64 = 8.0;
+
+/// An encoder that jumped back is where it was but for what the arm moved meanwhile: this share of the jump, and at most so many rad.
+const MOVED: (f64, f64) = (0.2, 0.05);
+
+fn moved_rad(jump_rad: f64) -> f64 {
+    (MOVED.0 * jump_rad.abs()).min(MOVED.1)
+}
+
+/// A reading farther from what is expected than this, in standard deviations of the mixture, is believed when the next one bears it out.
+const UNPROVEN_SIGMA: f64 = 6.0;
+
+/// Kalman filters side by side, and how much each is believed.
+#[derive(Clone, Copy, Debug)]
+struct Bank {
+    states: [State; MODELS],
+    weights: [f64; MODELS],
+}
+
+/// What became of a reading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fate {
+    /// It is no newer than the last one.
+    Ignored,
+    /// No motion explains it: perhaps a glitch.
+    PassedOver,
+    /// The motion goes on with it.
+    Taken,
+    /// The motion starts anew with it.
+    Anew,
+}
+
 /// Motion of one joint from its position readings so far: a bank of Kalman filters mixed by how well each predicts.
 #[derive(Clone, Debug)]
 pub struct MotionFilter {
-    states: [State; MODELS],
-    weights: [f64; MODELS],
+    bank: Bank,
+    /// What the motion is if the last reading was none of the joint's: it was unlikely, and the next one tells.
+    without: Option<Bank>,
     encoder_variance_rad2: f64,
     last: Option<Sampled>,
-    /// Readings since the start, up to [`NEEDED`].
+    /// Readings since the start, up to as many as are needed.
     readings: u8,
+    needed: u8,
+    /// The last reading was passed over as a glitch.
+    passed_over: bool,
+    /// The reading before the last one was not the joint's after all.
+    revoked: bool,
+    /// Sum of the jumps that stayed, rad: the joint may be where it was before them, or where it says.
+    doubt_rad: f64,
+    /// Where the joint was before the last jump, rad, and the doubt there was then.
+    before_jump: (f64, f64),
 }
 
 impl MotionFilter {
@@ -31,61 +87,209 @@ impl MotionFilter {
     pub fn new(encoder_sigma_rad: f64) -> Self {
         let variance = encoder_sigma_rad * encoder_sigma_rad;
         Self {
-            states: [State::from_position(0.0, variance); MODELS],
-            weights: [1.0 / MODELS as f64; MODELS],
+            bank: Bank::at(0.0, variance),
+            without: None,
             encoder_variance_rad2: variance,
             last: None,
             readings: 0,
+            needed: NEEDED,
+            passed_over: false,
+            revoked: false,
+            doubt_rad: 0.0,
+            before_jump: (0.0, 0.0),
         }
     }
 
     /// Takes in a position sampled at a time that may itself be uncertain by `jitter_s` against the round's; one that is not newer than
     /// the last is ignored.
-    pub fn measure(&mut self, at: Sampled, jitter_s: f64, position_rad: f64) {
+    ///
+    /// One that no motion can explain is passed over if it is alone. If the next one is no more possible the encoder has jumped: the
+    /// motion starts anew from there, and as nobody knows which of the two places is true the position is uncertain by the distance
+    /// from then on, until it jumps back.
+    pub fn measure(&mut self, at: Sampled, jitter_s: f64, position_rad: f64) -> Fate {
+        let mut fate = Fate::Taken;
         match self.last {
-            Some(last) if at.at_ns <= last.at_ns && last.at_ns - at.at_ns < FORGET_NS => return,
+            Some(last) if at.at_ns <= last.at_ns && last.at_ns - at.at_ns < FORGET_NS => {
+                return Fate::Ignored;
+            }
             Some(last) if at.at_ns > last.at_ns && at.at_ns - last.at_ns < FORGET_NS => {
-                self.advance(&last, &at)
+                self.bank.advance(&last, &at);
+                self.without.iter_mut().for_each(|bank| bank.advance(&last, &at));
             }
             // The first reading, a long silence, or a clock that was set back: start anew.
-            _ => self.restart(position_rad),
+            _ => {
+                self.restart(position_rad);
+                fate = Fate::Anew;
+            }
         }
+        self.choose(position_rad, jitter_s);
+        let since_s = self.last.map_or(0.0, |last| (at.at_ns - last.at_ns) as f64 * 1e-9);
         self.last = Some(at);
-        self.readings = (self.readings + 1).min(NEEDED);
-        let mut fit = [0.0; MODELS];
-        for (state, fit) in self.states.iter_mut().zip(&mut fit) {
-            *fit = state.measure_position(position_rad, self.encoder_variance_rad2, jitter_s);
+        if self.is_back(position_rad) {
+            self.doubt_rad = self.before_jump.1;
+            self.restart(position_rad);
+            fate = Fate::Anew;
+        } else if let Some(jump_rad) = self.jump(position_rad, jitter_s, since_s) {
+            if !std::mem::replace(&mut self.passed_over, true) {
+                return Fate::PassedOver;
+            }
+            self.begin_anew(position_rad, jump_rad);
+            fate = Fate::Anew;
         }
-        self.reweigh(&fit);
+        self.passed_over = false;
+        self.readings = (self.readings + 1).min(self.needed);
+        let variance = self.encoder_variance_rad2;
+        if self.readings == self.needed {
+            self.without = (!self.bank.expects(position_rad, variance, jitter_s)).then_some(self.bank);
+        }
+        self.bank.measure(|state| state.measure_position(position_rad, variance, jitter_s));
+        fate
+    }
+
+    /// Whether the last reading was passed over: no motion explains it.
+    pub fn has_passed_over(&self) -> bool {
+        self.passed_over
+    }
+
+    /// Whether the last reading told that the one before it was not the joint's.
+    pub fn has_revoked(&self) -> bool {
+        self.revoked
+    }
+
+    /// How far the position is in doubt after jumps, rad.
+    pub fn doubt_rad(&self) -> f64 {
+        self.doubt_rad.abs()
+    }
+
+    /// Whether the last reading was the joint's, where that was in doubt: this one tells.
+    fn choose(&mut self, position_rad: f64, jitter_s: f64) {
+        self.revoked = false;
+        let Some(without) = self.without.take() else { return };
+        let likely = |bank: &Bank| bank.likelihood_ln(position_rad, self.encoder_variance_rad2, jitter_s);
+        if likely(&without) > likely(&self.bank) {
+            self.bank = without;
+            self.revoked = true;
+        }
+    }
+
+    /// Starts anew with the next reading: the last ones were not the joint's. What they did to the doubt of its position is forgotten, too.
+    pub fn forget(&mut self) {
+        if self.last.take().is_some() && self.doubt_rad != self.before_jump.1 {
+            self.doubt_rad = self.before_jump.1;
+        }
+        self.readings = 0;
     }
 
     /// Takes in a velocity (rad/s, with its standard deviation) sampled together with the last position.
     pub fn measure_velocity(&mut self, velocity_rad_s: f64, sigma_rad_s: f64) {
         let (value, variance) = (velocity_rad_s * UNIT_S, (sigma_rad_s * UNIT_S).powi(2));
-        let mut fit = [0.0; MODELS];
-        for (state, fit) in self.states.iter_mut().zip(&mut fit) {
-            *fit = state.measure(1, value, variance);
-        }
-        self.reweigh(&fit);
+        self.bank.measure(|state| state.measure(1, value, variance));
     }
 
-    /// Motion at another time, carried on (or back) from the last reading; `None` while there are too few to know it.
+    /// Motion at another time, carried on (or back) from the last reading; `None` while there are too few to know it, or they make no sense.
     pub fn motion(&self, at: Sampled) -> Option<JointMotion> {
-        let last = self.last.filter(|_| self.readings == NEEDED)?;
-        let state = mixture(&self.states, &self.weights);
+        let last = self.last.filter(|_| self.readings == self.needed)?;
+        let state = match &self.without {
+            None => self.bank.mixture(),
+            Some(without) => mixture(&[self.bank.mixture(), without.mixture()], &[0.5; 2]),
+        };
+        let doubted = |mut motion: JointMotion| {
+            motion.covariance[(0, 0)] += self.doubt_rad * self.doubt_rad;
+            // Late or wrong readings on the way, not the joint.
+            (motion.acceleration_rad_s2.abs() <= UNBELIEVED_RAD_S2).then_some(motion)
+        };
         if at.at_ns == last.at_ns {
-            return Some(state.motion());
+            return doubted(state.motion());
         }
         let step = inner_step(&last, &at);
-        let density: f64 = self.weights[1..].iter().zip(&SNAP_DENSITIES).map(|(w, s)| w * s).sum();
+        let density: f64 = self.bank.weights[1..].iter().zip(&SNAP_DENSITIES).map(|(w, s)| w * s).sum();
         let process = unit_process(step.abs()) * inner_density(density);
-        Some(state.predicted(&transition(step), &process).smeared(inner_variance(&last, &at)).motion())
+        doubted(state.predicted(&transition(step), &process).smeared(inner_variance(&last, &at)).motion())
+    }
+
+    /// After a jump: what was known before says how far the position is in doubt, if anything was known.
+    fn begin_anew(&mut self, position_rad: f64, jump_rad: f64) {
+        if self.readings == self.needed {
+            let left_rad = self.doubt_rad + jump_rad;
+            self.before_jump = (position_rad - jump_rad, self.doubt_rad);
+            self.doubt_rad = if left_rad.abs() < moved_rad(jump_rad) { 0.0 } else { left_rad };
+        }
+        self.restart(position_rad);
+        self.needed = NEEDED_AFTER_JUMP;
+    }
+
+    /// Whether a joint that has just jumped is where it was before: two glitches in a row were no jump.
+    fn is_back(&self, position_rad: f64) -> bool {
+        let (place_rad, doubt_rad) = self.before_jump;
+        let jump_rad = self.doubt_rad - doubt_rad;
+        self.readings < self.needed
+            && jump_rad != 0.0
+            && (position_rad - place_rad).abs() < moved_rad(jump_rad)
+    }
+
+    /// How far a reading is from where the joint can be `since_s` after the last one, rad; `None` where it can be there.
+    fn jump(&self, position_rad: f64, jitter_s: f64, since_s: f64) -> Option<f64> {
+        if self.readings < 2 {
+            return None;
+        }
+        let most_rad_s2 = if self.passed_over { IMPOSSIBLE_RAD_S2 } else { UNLIKELY_RAD_S2 };
+        let boldest = &self.bank.states[MODELS - 1];
+        let smear_rad = boldest.mean[1] / UNIT_S * jitter_s;
+        let variance = boldest.covariance[(0, 0)] + self.encoder_variance_rad2 + smear_rad * smear_rad;
+        let room_rad = NOISE_SIGMA * variance.sqrt() + 0.5 * most_rad_s2 * since_s * since_s;
+        let off_rad = |state: &State| position_rad - state.mean[0];
+        // No joint stops dead: one that came to rest is where the filters for moving joints expect it, too.
+        let nearest_rad =
+            self.bank.states[1..].iter().map(off_rad).min_by(|a, b| a.abs().total_cmp(&b.abs()))?;
+        (nearest_rad.abs() > room_rad).then_some(nearest_rad)
     }
 
     fn restart(&mut self, position_rad: f64) {
-        self.states = [State::from_position(position_rad, self.encoder_variance_rad2); MODELS];
-        self.weights = [1.0 / MODELS as f64; MODELS];
+        self.bank = Bank::at(position_rad, self.encoder_variance_rad2);
+        self.without = None;
         self.readings = 0;
+        self.needed = NEEDED;
+        self.passed_over = false;
+    }
+}
+
+impl Bank {
+    /// At a position (rad), and nothing known of the motion.
+    fn at(position_rad: f64, variance_rad2: f64) -> Self {
+        Self {
+            states: [State::from_position(position_rad, variance_rad2); MODELS],
+            weights: [1.0 / MODELS as f64; MODELS],
+        }
+    }
+
+    fn mixture(&self) -> State {
+        mixture(&self.states, &self.weights)
+    }
+
+    /// How far a position is from what the filters together expect, rad, and the variance of that, rad^2.
+    fn innovation(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64) -> (f64, f64) {
+        let state = self.mixture();
+        let smear_rad = state.mean[1] / UNIT_S * jitter_s;
+        (position_rad - state.mean[0], state.covariance[(0, 0)] + variance_rad2 + smear_rad * smear_rad)
+    }
+
+    fn expects(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64) -> bool {
+        let (off_rad, variance_rad2) = self.innovation(position_rad, variance_rad2, jitter_s);
+        off_rad * off_rad <= UNPROVEN_SIGMA.powi(2) * variance_rad2
+    }
+
+    fn likelihood_ln(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64) -> f64 {
+        let (off_rad, variance_rad2) = self.innovation(position_rad, variance_rad2, jitter_s);
+        -0.5 * (off_rad * off_rad / variance_rad2 + variance_rad2.ln())
+    }
+
+    /// Lets each filter take in a measurement, and believes it as well as it had predicted that.
+    fn measure(&mut self, mut by: impl FnMut(&mut State) -> f64) {
+        let mut fit = [0.0; MODELS];
+        for (state, fit) in self.states.iter_mut().zip(&mut fit) {
+            *fit = by(state);
+        }
+        self.reweigh(&fit);
     }
 
     /// Mixes the filters by the chance that what the joint does has changed, then predicts each over the step.
@@ -100,9 +304,12 @@ impl MotionFilter {
             let mut share = [0.0; MODELS];
             for i in 0..MODELS {
                 share[i] = self.weights[i] * chances[i][k];
-                expected[k] += share[i];
+                // How likely it is that a moving joint stops says how much that is believed, not where it would stand.
+                let stops = if k == 0 && i > 0 { before[i].may_stop(step) } else { 1.0 };
+                expected[k] += share[i] * stops;
             }
-            share.iter_mut().for_each(|w| *w /= expected[k]);
+            let total: f64 = share.iter().sum();
+            share.iter_mut().for_each(|w| *w /= total);
             let mixed = mixture(&before, &share);
             self.states[k] = match k.checked_sub(1) {
                 None => mixed.resting(step),
@@ -112,10 +319,11 @@ impl MotionFilter {
                 }
             };
         }
-        self.weights = expected;
+        let all: f64 = expected.iter().sum();
+        self.weights = expected.map(|weight| weight / all);
     }
 
-    /// Weighs the filters by the log-likelihood of what they just measured. A floor keeps each of them reachable.
+    /// Weighs the filters by the log-likelihood of what they just measured. A floor keeps each motion reachable; rest is, from any that may stop.
     fn reweigh(&mut self, fit: &[f64; MODELS]) {
         const FLOOR: f64 = 1e-12;
         let best = fit.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -123,8 +331,8 @@ impl MotionFilter {
             return;
         }
         let mut total = 0.0;
-        for (w, fit) in self.weights.iter_mut().zip(fit) {
-            *w = (*w * (fit - best).exp()).max(FLOOR);
+        for (k, (w, fit)) in self.weights.iter_mut().zip(fit).enumerate() {
+            *w = (*w * (fit - best).exp()).max(if k == 0 { 0.0 } else { FLOOR });
             total += *w;
         }
         self.weights.iter_mut().for_each(|w| *w /= total);
@@ -226,6 +434,80 @@ mod tests {
             filter.measure(exactly(-9_000_000_000 + k * 8_000_000), 0.0, 2.0);
         }
         assert!((filter.motion(exactly(-8_968_000_000)).unwrap().position_rad - 2.0).abs() < 1e-4);
+    }
+
+    /// A held joint with `extra` on its reading; the motion after each reading.
+    fn held_with(extra: impl Fn(i64) -> f64) -> Vec<Option<JointMotion>> {
+        let (sigma, mut noise) = (20e-6, Noise(3));
+        let mut filter = MotionFilter::new(sigma);
+        let reading = |k: i64| {
+            filter.measure(exactly(k * 8_000_000), 0.0, 1.0 + extra(k) + sigma * noise.next());
+            filter.motion(exactly(k * 8_000_000))
+        };
+        (0..300).map(reading).collect()
+    }
+
+    #[test]
+    fn a_glitch_is_passed_over() {
+        let motions = held_with(|k| if k == 200 { 0.5 } else { 0.0 });
+        for motion in &motions[20..] {
+            let motion = motion.unwrap();
+            assert!(
+                (motion.position_rad - 1.0).abs() < 1e-4 && motion.acceleration_rad_s2.abs() < 0.1,
+                "{motion:?}"
+            );
+            assert!(motion.covariance[(0, 0)].sqrt() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn after_a_jump_the_position_is_uncertain_by_it_until_it_jumps_back() {
+        let motions = held_with(|k| if (100..200).contains(&k) { -0.03 } else { 0.0 });
+        let sigma = |k: usize| motions[k].map(|motion| motion.covariance[(0, 0)].sqrt());
+        assert!(sigma(99).unwrap() < 1e-4 && sigma(100).unwrap() < 1e-3, "the first may be a glitch");
+        assert_eq!((sigma(101), sigma(111)), (None, None), "nothing is known of its motion");
+        assert!((sigma(150).unwrap() / 0.03 - 1.0).abs() < 0.01, "{:?}", sigma(150));
+        assert!(sigma(250).unwrap() < 1e-4);
+    }
+
+    #[test]
+    fn two_glitches_in_a_row_are_no_jump() {
+        let motions = held_with(|k| if (200..202).contains(&k) { 0.5 } else { 0.0 });
+        let sigma = motions[250].unwrap().covariance[(0, 0)].sqrt();
+        assert!(sigma < 1e-4, "{sigma}");
+    }
+
+    #[test]
+    fn no_joint_stops_dead() {
+        // In full swing a reading is the one before again, as from a frame that was sent twice.
+        let (sigma, mut noise) = (20e-6, Noise(4));
+        let mut filter = MotionFilter::new(sigma);
+        let mut last = 0.0;
+        for k in 0..400i64 {
+            let reading = if k == 300 { last } else { 0.9e-3 * k as f64 + sigma * noise.next() };
+            filter.measure(exactly(k * 1_000_000), 0.0, reading);
+            last = reading;
+            if k > 100 {
+                let motion = filter.motion(exactly(k * 1_000_000)).unwrap();
+                assert!((motion.velocity_rad_s - 0.9).abs() < 0.05, "{k}: {motion:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_unlikely_reading_leaves_the_motion_in_doubt_until_the_next() {
+        let (sigma, mut noise, w) = (20e-6, Noise(6), 3.0);
+        let mut filter = MotionFilter::new(sigma);
+        for k in 0..400i64 {
+            let t = k as f64 * 0.008;
+            let wrong = if k == 300 { 1.5e-3 } else { 0.0 };
+            filter.measure(exactly(k * 8_000_000), 0.0, 0.3 * (w * t).sin() + sigma * noise.next() + wrong);
+            if k > 200 {
+                let motion = filter.motion(exactly(k * 8_000_000)).unwrap();
+                let error = motion.acceleration_rad_s2 + 0.3 * w * w * (w * t).sin();
+                assert!(error.abs() < 5.0 * motion.covariance[(2, 2)].sqrt(), "{k}: {error} {motion:?}");
+            }
+        }
     }
 
     #[test]

@@ -52,6 +52,13 @@ impl State {
         }
     }
 
+    /// How likely it is, against a joint that stands, that this one comes to rest within `step` inner time units: none stops dead.
+    pub(super) fn may_stop(&self, step: f64) -> f64 {
+        const STOPPING_RAD_S2: f64 = 50.0;
+        let lost = STOPPING_RAD_S2 * UNIT_S.powi(2) * step;
+        (-0.5 * self.mean[1].powi(2) / (self.covariance[(1, 1)] + lost * lost)).exp()
+    }
+
     /// The same where the instant it refers to is unsure by this variance (inner units): the state as it was at whatever instant that
     /// really was, to second order.
     pub(super) fn smeared(mut self, variance: f64) -> Self {
@@ -80,6 +87,15 @@ impl State {
         // Rounding must not make the covariance lopsided: the smoother inverts it.
         self.covariance = (self.covariance + self.covariance.transpose()) * 0.5;
         -0.5 * (innovation * innovation / innovation_variance + innovation_variance.ln())
+    }
+
+    /// This filtered state corrected by what came after: `next` is the smoothed state there, `predicted` what it was expected to be.
+    pub(super) fn in_the_light_of(&self, next: &Self, predicted: &Self, gain: &Matrix4<f64>) -> Self {
+        let covariance = self.covariance + gain * (next.covariance - predicted.covariance) * gain.transpose();
+        Self {
+            mean: self.mean + gain * (next.mean - predicted.mean),
+            covariance: (covariance + covariance.transpose()) * 0.5,
+        }
     }
 
     /// In SI units, without the jerk.

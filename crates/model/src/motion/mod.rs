@@ -6,16 +6,19 @@
 //! runs side by side, one for each strength and one for a joint at rest, mixed as an interacting multiple model (Blom and
 //! Bar-Shalom, IEEE Trans. Automatic Control 33(8), 1988). The mixture's covariance holds the doubt about which applies.
 //!
-//! [`RoundClock`] says how far apart the positions were sampled; [`MotionFilter`] is causal and runs in the cycle; [`smooth`] uses the whole recording and is for offline work.
+//! [`RoundClock`] says how far apart the positions were sampled; [`MotionFilter`] is causal and runs in the cycle; [`LagSmoother`]
+//! waits for some rounds more; [`smooth`] uses the whole recording and is for offline work.
 
 mod clock;
 mod filter;
 mod kalman;
+mod lag;
 mod rhythm;
 mod smoother;
 
 pub use clock::{RoundClock, Sampled};
-pub use filter::MotionFilter;
+pub use filter::{Fate, MotionFilter};
+pub use lag::LagSmoother;
 pub use smoother::smooth;
 
 use nalgebra::Matrix3;
@@ -37,6 +40,17 @@ impl JointMotion {
     /// A joint known to rest exactly at a position, rad.
     pub fn at_rest(position_rad: f64) -> Self {
         Self { position_rad, velocity_rad_s: 0.0, acceleration_rad_s2: 0.0, covariance: Matrix3::zeros() }
+    }
+
+    /// Between this motion (share 0) and another (1), by a straight line.
+    pub fn towards(&self, other: &Self, share: f64) -> Self {
+        let between = |own: f64, other: f64| own + share * (other - own);
+        Self {
+            position_rad: between(self.position_rad, other.position_rad),
+            velocity_rad_s: between(self.velocity_rad_s, other.velocity_rad_s),
+            acceleration_rad_s2: between(self.acceleration_rad_s2, other.acceleration_rad_s2),
+            covariance: self.covariance + (other.covariance - self.covariance) * share,
+        }
     }
 }
 

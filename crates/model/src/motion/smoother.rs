@@ -5,13 +5,13 @@ use super::{JointMotion, Sampled};
 use nalgebra::{Cholesky, Matrix4};
 
 /// Spectral densities of the driving snap that are blended, rad^2/s^7: from a held pose to a violent move.
-const DENSITIES: [f64; 6] = [1.0, 3e1, 1e3, 3e4, 1e6, 1e8];
+pub(super) const DENSITIES: [f64; 6] = [1.0, 3e1, 1e3, 3e4, 1e6, 1e8];
 
 /// Gaps longer than this cut the recording into pieces smoothed on their own, ns.
 const CUT_NS: i64 = 500_000_000;
 
 /// Likelihood is weighed over this time to each side when choosing the strength of snap, s.
-const WEIGHING_S: f64 = 0.15;
+pub(super) const WEIGHING_S: f64 = 0.15;
 
 /// Motion of one joint at every reading, without lag.
 ///
@@ -60,40 +60,64 @@ impl Pass {
         let mut state = State::from_position(positions_rad[0], variance);
         for k in 0..n {
             if k > 0 {
-                state = forward(&state, &at[k - 1], &at[k], density);
+                state = Step::new(&at[k - 1], &at[k], density).forward(&state);
             }
             fit.push(state.measure_position(positions_rad[k], variance, 0.0));
             states.push(state);
         }
         for k in (0..n - 1).rev() {
-            states[k] = backward(&states[k], &states[k + 1], (&at[k], &at[k + 1]), density);
+            states[k] = backward(&states[k], &states[k + 1], &Step::new(&at[k], &at[k + 1], density));
         }
         Self { states, fit }
     }
 }
 
-fn forward(state: &State, from: &Sampled, to: &Sampled, density: f64) -> State {
-    let step = inner_step(from, to);
-    let predicted = state.predicted(&transition(step), &(unit_process(step) * density));
-    predicted.smeared(inner_variance(from, to))
+/// What happens to a motion between two readings for one strength of snap.
+pub(super) struct Step {
+    transition: Matrix4<f64>,
+    process: Matrix4<f64>,
+    variance: f64,
 }
 
-/// Rauch, Tung, Striebel: the filtered state corrected by what came after.
-fn backward(filtered: &State, next: &State, (from, to): (&Sampled, &Sampled), density: f64) -> State {
-    let f = transition(inner_step(from, to));
-    let predicted = forward(filtered, from, to, density);
-    let Some(inverse) = Cholesky::new(predicted.covariance).map(|c| c.inverse()) else {
-        return *filtered;
-    };
-    let gain: Matrix4<f64> = filtered.covariance * f.transpose() * inverse;
-    let covariance = filtered.covariance + gain * (next.covariance - predicted.covariance) * gain.transpose();
-    State {
-        mean: filtered.mean + gain * (next.mean - predicted.mean),
-        covariance: (covariance + covariance.transpose()) * 0.5,
+impl Step {
+    /// From one sampling to another, driven by snap of this density (inner units).
+    pub(super) fn new(from: &Sampled, to: &Sampled, density: f64) -> Self {
+        let step = inner_step(from, to);
+        Self {
+            transition: transition(step),
+            process: unit_process(step) * density,
+            variance: inner_variance(from, to),
+        }
+    }
+
+    /// The same to a time that may lie before: then the state is as unsure as that long after.
+    pub(super) fn carrying(from: &Sampled, to: &Sampled, density: f64) -> Self {
+        let step = inner_step(from, to);
+        Self { process: unit_process(step.abs()) * density, ..Self::new(from, to, density) }
+    }
+
+    /// The state after the step.
+    pub(super) fn forward(&self, state: &State) -> State {
+        state.predicted(&self.transition, &self.process).smeared(self.variance)
+    }
+
+    /// How much of what is learnt of the state after the step is true of the one before.
+    pub(super) fn gain(&self, filtered: &State, predicted: &State) -> Option<Matrix4<f64>> {
+        let inverse = Cholesky::new(predicted.covariance)?.inverse();
+        Some(filtered.covariance * self.transition.transpose() * inverse)
     }
 }
 
-fn blend<'a>(parts: impl Iterator<Item = (&'a State, f64)> + Clone) -> State {
+/// Rauch, Tung, Striebel: the filtered state corrected by what came after.
+fn backward(filtered: &State, next: &State, step: &Step) -> State {
+    let predicted = step.forward(filtered);
+    match step.gain(filtered, &predicted) {
+        Some(gain) => filtered.in_the_light_of(next, &predicted, &gain),
+        None => *filtered,
+    }
+}
+
+pub(super) fn blend<'a>(parts: impl Iterator<Item = (&'a State, f64)> + Clone) -> State {
     let mut mean = nalgebra::Vector4::zeros();
     for (state, w) in parts.clone() {
         mean += state.mean * w;

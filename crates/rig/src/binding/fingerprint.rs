@@ -1,6 +1,7 @@
 //! What a calibrated model depends on, so that the model of another arm is refused with the difference named.
 
 use std::fmt::Write as _;
+use std::io::Read;
 
 use can::assembly::Layout;
 use model::chain::{Chain, Joint, Section};
@@ -175,7 +176,28 @@ fn of_numbers(tag: &str, numbers: impl IntoIterator<Item = f64>) -> String {
 /// SHA-256 of bytes, in lower-case hexadecimal.
 #[must_use]
 pub fn sha256_hex(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().fold(String::with_capacity(64), |mut hex, byte| {
+    hexadecimal(&Sha256::digest(bytes))
+}
+
+/// The same of whatever is left to read, which may be more than memory holds.
+///
+/// # Errors
+/// It cannot be read.
+pub fn sha256_of(mut input: impl Read) -> std::io::Result<String> {
+    let mut sum = Sha256::new();
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        match input.read(&mut buffer) {
+            Ok(0) => return Ok(hexadecimal(&sum.finalize())),
+            Ok(got) => sum.update(&buffer[..got]),
+            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut hex, byte| {
         let _ = write!(hex, "{byte:02x}");
         hex
     })
@@ -187,5 +209,8 @@ mod tests {
     fn sha256_is_the_standard() {
         let abc = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         assert_eq!(super::sha256_hex(b"abc"), abc);
+        assert_eq!(super::sha256_of(&b"abc"[..]).unwrap(), abc);
+        let long = b"abc".repeat(100_000);
+        assert_eq!(super::sha256_of(&long[..]).unwrap(), super::sha256_hex(&long));
     }
 }

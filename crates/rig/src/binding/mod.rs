@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, Vector3};
 pub use busload::{
     BitRates, Direction, FrameBits, PlannedLoad, PlannedMessage, classical_bits, fd_bits, planned_load,
 };
-pub use fingerprint::{Fingerprint, JointPrint, SensorPrint, sha256_hex};
+pub use fingerprint::{Fingerprint, JointPrint, SensorPrint, sha256_hex, sha256_of};
 
 use crate::config::Config;
 use crate::document::Step::{Index, Key};

@@ -6,7 +6,10 @@ use model::motion::JointMotion;
 use model::spatial::RigidBody;
 use model::terms::{Conditioner, Effect};
 
-use super::{Estimate, INVALID_ABOVE_N, PARITY_LIMIT_SIGMA, Refusal, STUCK_AFTER, UNCERTAIN_ABOVE_N};
+use super::isolation::{Isolation, Judgement, Worth};
+use super::several::Several;
+use super::stuck::StuckWatch;
+use super::{Estimate, INVALID_ABOVE_N, Refusal, UNCERTAIN_ABOVE_N};
 use crate::Rig;
 use crate::model_file::ModelFile;
 use crate::status::Status;
@@ -24,6 +27,10 @@ pub struct Stage {
     /// Whether a gauge's readings are corrected for its temperature.
     thermal: Vec<bool>,
     states: Vec<GaugeState>,
+    /// Faults that only the other gauges tell of; none where gauges are known too little to check each other.
+    isolation: Option<Isolation>,
+    /// Gauges, then joints, that go astray.
+    several: Several,
     tare: Tare,
     /// What hangs at the tip for now and is subtracted, tip frame.
     payload: RigidBody,
@@ -40,67 +47,66 @@ pub enum GaugeState {
     Stuck,
     /// The tare that is applied has no zero for it.
     NotTared,
+    /// It says something else than the others, and no other gauge can be the cause.
+    Isolated,
 }
 
 impl GaugeState {
     /// Whether its reading says something about load.
     fn is_fit(self) -> bool {
-        matches!(self, Self::Used | Self::NotTared)
-    }
-}
-
-/// Tells a gauge that stands still from one that is quiet.
-#[derive(Clone, Copy, Debug)]
-struct StuckWatch {
-    /// Whether the gauge's noise is large enough for equal readings to mean something.
-    noisy: bool,
-    last_counts: f64,
-    repeats: u32,
-}
-
-impl StuckWatch {
-    fn new(gauge: &GaugeModel) -> Self {
-        /// Noise of so many counts makes equal readings in a row rarer than one in a million.
-        const NOISY_COUNTS: f64 = 10.0;
-        Self { noisy: gauge.noise_counts2 > NOISY_COUNTS.powi(2), last_counts: f64::NAN, repeats: 0 }
-    }
-
-    /// Takes in the next reading; whether the gauge is stuck.
-    fn is_stuck(&mut self, counts: f64) -> bool {
-        self.repeats = if counts == self.last_counts { self.repeats.saturating_add(1) } else { 0 };
-        self.last_counts = counts;
-        self.noisy && self.repeats >= STUCK_AFTER
+        matches!(self, Self::Used | Self::NotTared | Self::Isolated)
     }
 }
 
 impl Stage {
-    /// For a robot as its URDF has it, and its gauges.
+    /// For a robot as its URDF has it, and its gauges; without a calibration they are not held against each other.
     pub fn new(rig: &Rig, gauges: Vec<GaugeModel>) -> Self {
-        Self::with(WrenchEstimator::new(&rig.chain, &rig.sections, gauges))
+        Self::with(WrenchEstimator::new(&rig.chain, &rig.sections, gauges), None)
     }
 
     /// For a robot as it was calibrated.
     pub fn of_model(rig: &Rig, model: &ModelFile) -> Self {
         let (chain, arm) = model.arm(&rig.chain);
-        Self::with(WrenchEstimator::with_arm(&chain, &rig.sections, model.gauges(), arm))
+        let estimator = WrenchEstimator::with_arm(&chain, &rig.sections, model.gauges(), arm);
+        Self::with(estimator, Some(Isolation::new(model)))
     }
 
-    fn with(estimator: WrenchEstimator) -> Self {
+    fn with(estimator: WrenchEstimator, isolation: Option<Isolation>) -> Self {
         let is_thermal = |gauge: &GaugeModel| {
             gauge.terms.terms.iter().any(|term| matches!(term.effect, Effect::Temperature { .. }))
         };
         let gauges = estimator.gauges();
         Self {
-            watches: gauges.iter().map(StuckWatch::new).collect(),
+            watches: gauges.iter().map(|gauge| StuckWatch::new(gauge.noise_counts2.sqrt(), 1.0)).collect(),
             conditioners: gauges.iter().map(|gauge| Conditioner::new(&gauge.terms)).collect(),
             thermal: gauges.iter().map(is_thermal).collect(),
             heard: Vec::with_capacity(gauges.len()),
             used: Vec::with_capacity(gauges.len()),
             states: vec![GaugeState::Absent(Absence::NeverSeen); gauges.len()],
+            several: Several::new(gauges.len() + estimator.dynamics().coordinates()),
             tare: Tare::new(gauges.len(), estimator.dynamics().coordinates()),
             payload: RigidBody::zero(),
+            isolation,
             estimator,
         }
+    }
+
+    /// A daemon starts as valid only once the gauges have agreed; a recording is scored all the same, for its score tells how far they do.
+    #[must_use]
+    pub fn taken_for_proven(mut self) -> Self {
+        self.isolation.iter_mut().for_each(Isolation::take_for_proven);
+        self
+    }
+
+    /// Begins an instant, before what is to be said of it.
+    pub(super) fn begin(&mut self, instant_ns: i64) {
+        self.several.begin(instant_ns);
+    }
+
+    /// A joint's encoder says at this instant what cannot be.
+    pub(super) fn doubt_joint(&mut self, joint: usize) {
+        let gauges = self.estimator.gauges().len();
+        self.several.note(|sensor| sensor == gauges + joint);
     }
 
     /// Takes in a snapshot's gauges and temperatures; what to flag of them.
@@ -113,6 +119,9 @@ impl Stage {
                 Err(absence) => GaugeState::Absent(*absence),
                 Ok(reading) if self.watches[k].is_stuck(reading.value) => GaugeState::Stuck,
                 Ok(_) if self.tare.is_left_out(k) => GaugeState::NotTared,
+                Ok(_) if self.isolation.as_ref().is_some_and(|isolation| isolation.is_out(k)) => {
+                    GaugeState::Isolated
+                }
                 Ok(_) => GaugeState::Used,
             };
             self.states[k] = state;
@@ -138,29 +147,80 @@ impl Stage {
     /// The wrench of a snapshot, given every coordinate's motion at its instant. The same snapshot may come twice.
     pub fn estimate(&mut self, snapshot: &Snapshot, motion: &[JointMotion], status: Status) -> Estimate {
         let mut status = status.with(self.listen(snapshot));
-        let outcome = self.estimator.estimate(motion, &self.used).map_err(Refusal::Estimator);
-        let outcome = outcome.and_then(|solution| match worst_sigma_n(&solution) <= INVALID_ABOVE_N {
-            true => Ok(solution),
-            false => Err(Refusal::TooUncertain),
-        });
+        self.begin(snapshot.instant_ns);
+        let (mut outcome, mut said) = self.solve(snapshot.instant_ns, motion);
+        if let Some(gauge) = said.isolated {
+            self.states[gauge] = GaugeState::Isolated;
+            self.used[gauge] = None;
+            status = status.with(left_out(GaugeState::Isolated));
+            (outcome, said) = self.solve(snapshot.instant_ns, motion);
+        }
+        status = status.with(said.status);
         status = status.with(match &outcome {
-            Ok(solution) => judge(solution),
-            Err(Refusal::TooUncertain) => Status::INVALID.with(Status::UNCERTAIN),
-            Err(_) => Status::INVALID,
+            Ok(solution) if worst_sigma_n(solution) > UNCERTAIN_ABOVE_N => Status::UNCERTAIN,
+            Ok(_) => Status::GOOD,
+            Err(Refusal::NothingYet | Refusal::JointUnknown(_) | Refusal::Estimator(_)) => Status::INVALID,
+            Err(_) => Status::INVALID.with(Status::UNCERTAIN),
         });
         let tared = if self.tare.applied().is_some() { Status::TARED } else { Status::GOOD };
         status = status.with(tared);
-        if outcome.is_ok() {
+        // Zeros that drifted contradict each other: a tare is the remedy.
+        if outcome.as_ref().err().is_none_or(|refusal| refusal.is_of_zeros()) {
             let heard = self.heard.iter().copied();
             self.tare.observe(snapshot.instant_ns, heard, motion, &mut self.estimator);
         }
         Estimate {
             instant_ns: snapshot.instant_ns,
+            delay_ns: 0,
             last_stamp_ns: snapshot.last_stamp_ns,
             round: snapshot.round,
             outcome,
             status,
         }
+    }
+
+    /// The wrench of the readings that are used, and what the spare ones say of it.
+    fn solve(&mut self, instant_ns: i64, motion: &[JointMotion]) -> (Result<Solution, Refusal>, Judgement) {
+        let mut solution = match self.estimator.estimate(motion, &self.used) {
+            Ok(solution) => solution,
+            Err(reason) => return (Err(Refusal::Estimator(reason)), self.silent()),
+        };
+        if worst_sigma_n(&solution) > INVALID_ABOVE_N {
+            return (Err(Refusal::TooUncertain), self.silent());
+        }
+        let Some(isolation) = &mut self.isolation else { return (Ok(solution), Judgement::NONE) };
+        let said = isolation.judge(instant_ns, &self.heard, &mut self.estimator, &solution);
+        solution.protection = said.protection;
+        if said.sudden {
+            let suspects = isolation.suspects();
+            self.several.note(|sensor| suspects.get(sensor).copied().unwrap_or_default());
+        }
+        if self.several.holds() {
+            return (Err(Refusal::SeveralAstray), said);
+        }
+        let outcome = match said.worth {
+            Worth::Bounded => Ok(solution),
+            Worth::Unbounded => Err(Refusal::Fault),
+            Worth::Unproven => Err(Refusal::Unproven),
+            Worth::Contradicted(factor) => {
+                widen(&mut solution, factor.max(1.0));
+                let too_wide = worst_sigma_n(&solution) > INVALID_ABOVE_N;
+                if too_wide { Err(Refusal::Contradiction) } else { Ok(solution) }
+            }
+        };
+        (outcome, said)
+    }
+
+    fn silent(&mut self) -> Judgement {
+        if let Some(isolation) = &mut self.isolation {
+            isolation.pass();
+        }
+        Judgement::NONE
+    }
+
+    /// Whether a gauge may be at fault at the last instant, when the gauges disagreed and it was not clear which of them is wrong.
+    pub fn is_suspect(&self, gauge: usize) -> bool {
+        self.isolation.as_ref().is_some_and(|isolation| isolation.suspects()[gauge])
     }
 
     /// The estimator with the state of the last estimate.
@@ -220,6 +280,9 @@ impl Stage {
         self.set_payload(&other.payload);
         if self.estimator.gauges() == other.estimator.gauges() {
             self.tare.take_over(&other.tare);
+            if let (Some(own), Some(other)) = (&mut self.isolation, &other.isolation) {
+                own.take_over(other);
+            }
             for (gauge, zero) in other.estimator.zeros().iter().enumerate() {
                 self.estimator.set_zero(gauge, *zero);
             }
@@ -233,49 +296,19 @@ fn left_out(state: GaugeState) -> Status {
         GaugeState::Used => Status::GOOD,
         GaugeState::Absent(Absence::Saturated) => Status::DEGRADED.with(Status::SATURATED),
         GaugeState::Absent(Absence::Stale | Absence::NeverSeen) => Status::DEGRADED.with(Status::STALE),
-        GaugeState::Absent(_) | GaugeState::Stuck | GaugeState::NotTared => Status::DEGRADED,
+        GaugeState::Absent(_) | GaugeState::Stuck | GaugeState::NotTared | GaugeState::Isolated => {
+            Status::DEGRADED
+        }
     }
+}
+
+/// Takes all variances for larger by a factor, where what is seen is farther from what is expected by as much.
+fn widen(solution: &mut Solution, factor: f64) {
+    solution.covariance *= factor;
+    solution.singular_values_per_n.iter_mut().for_each(|value| *value /= factor.sqrt());
 }
 
 /// Standard deviation of the worst direction, N (moments over the characteristic length).
 fn worst_sigma_n(solution: &Solution) -> f64 {
     1.0 / solution.singular_values_per_n[5]
-}
-
-/// What a solution says about itself.
-fn judge(solution: &Solution) -> Status {
-    let uncertain = worst_sigma_n(solution) > UNCERTAIN_ABOVE_N;
-    let limit = PARITY_LIMIT_SIGMA.powi(2) + solution.parity_dof as f64;
-    let parity = solution.parity_dof > 0 && solution.parity_chi2 > limit;
-    let flag = |raised: bool, status| if raised { status } else { Status::GOOD };
-    flag(uncertain, Status::UNCERTAIN).with(flag(parity, Status::PARITY))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn gauge(noise_counts: f64) -> GaugeModel {
-        GaugeModel {
-            compliance: nalgebra::Vector6::zeros(),
-            bias_counts: 0.0,
-            covariance: nalgebra::SMatrix::zeros(),
-            assumed: None,
-            noise_counts2: noise_counts * noise_counts,
-            terms: model::terms::GaugeTerms::default(),
-        }
-    }
-
-    #[test]
-    fn a_noisy_gauge_that_repeats_itself_is_stuck_until_it_moves() {
-        let mut watch = StuckWatch::new(&gauge(700.0));
-        let stuck: Vec<bool> = [3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 4.0].map(|c| watch.is_stuck(c)).into();
-        assert_eq!(stuck, [false, false, false, false, false, true, true, false]);
-    }
-
-    #[test]
-    fn a_quiet_gauge_may_repeat_itself() {
-        let mut watch = StuckWatch::new(&gauge(0.5));
-        assert!((0..100).all(|_| !watch.is_stuck(3.0)));
-    }
 }

@@ -22,6 +22,8 @@ pub(crate) struct GaugeState {
     gauge: usize,
     /// Counts per Nm about the joint's axis, for what is in parallel with the sensor.
     per_nm: f64,
+    /// Half the gauge's usual range, counts.
+    half_counts: f64,
     /// Change of the compliance.
     change: Vector6<f64>,
     strain: Option<StrainState>,
@@ -54,6 +56,7 @@ impl GaugeState {
             effect: effect.clone(),
             gauge,
             per_nm: moment.dot(&axis),
+            half_counts: HALF_RANGE_NM * moment.norm(),
             change: change(effect, &compliance, phase),
             strain: strain(effect, moment.norm()).map(|strain| StrainState::new(&strain, rng)),
             past: VecDeque::new(),
@@ -117,6 +120,21 @@ impl GaugeState {
             (Kind::RandomWalk, _) => {
                 self.walk += normal(&mut self.rng) * now.step_s.sqrt();
                 a * self.walk
+            }
+            (Kind::ZeroJumps, _) => {
+                let often = now.step_s / self.effect.number("every_s").max(now.step_s);
+                if self.rng.random_bool(often.clamp(0.0, 1.0)) {
+                    self.walk = normal(&mut self.rng);
+                }
+                a * self.walk
+            }
+            (Kind::GainWalk, _) => {
+                let decay = (-now.step_s / self.effect.number("time_s").max(now.step_s)).exp();
+                self.walk = decay * self.walk + (1.0 - decay * decay).sqrt() * normal(&mut self.rng);
+                a * self.walk * x
+            }
+            (Kind::Product, _) => {
+                a * x * now.counts[self.effect.number("source") as usize] / self.half_counts
             }
             _ => 0.0,
         }

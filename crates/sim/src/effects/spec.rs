@@ -85,6 +85,9 @@ kinds! {
     CableDrag "cable_drag" Joint "nm_per_rad" 0.02 [] "A cable that stiffens.";
     ExternalContact "external_contact" Link "force_n" 2.0 ["from_s" -1.0, "to_s" -1.0] "A push on a link for a while, N.";
     RandomWalk "random_walk" Gauge "amplitude" 3000.0 [] "A zero that walks at random, counts; outside the catalogue of a diagnosis.";
+    ZeroJumps "zero_jumps" Gauge "amplitude" 3000.0 ["every_s" 12.0] "A zero that jumps at random (a loose solder joint), counts; outside the catalogue of a diagnosis.";
+    GainWalk "gain_walk" Gauge "relative" 0.01 ["time_s" 15.0] "A scale that wanders (a supply that does), share; outside the catalogue of a diagnosis.";
+    Product "product" Gauge "relative" 0.01 ["source" -1.0] "A share of the product with another gauge's signal (over half its range); outside the catalogue of a diagnosis.";
 }
 
 /// An effect as it was asked for.
@@ -121,7 +124,7 @@ impl FromStr for Spec {
             else {
                 return Err(wrong(format!("\"{part}\" is no key=value; write for example size=3")));
             };
-            if key == "source" && kind == Kind::ChannelCoupling {
+            if key == "source" && matches!(kind, Kind::ChannelCoupling | Kind::Product) {
                 spec.source = Some(value.to_owned());
                 continue;
             }
@@ -172,7 +175,7 @@ impl Spec {
         let given = |name: &str| self.values.iter().find(|(key, _)| key == name).map(|(_, value)| *value);
         let mut numbers: Vec<(&'static str, f64)> =
             self.kind.numbers().iter().map(|(name, usual)| (*name, given(name).unwrap_or(*usual))).collect();
-        if self.kind == Kind::ChannelCoupling {
+        if matches!(self.kind, Kind::ChannelCoupling | Kind::Product) {
             let gauges = rig.sections.len();
             let drawn = (index + rng.random_range(1..gauges.max(2))) % gauges.max(1);
             let source = self.source.as_ref().map(|name| find(&names, name, self.kind)).transpose()?;

@@ -28,7 +28,7 @@ fn every_effect_shows_at_the_size_that_was_asked_for() {
     };
     let nominal = clean(Effects::default());
     for kind in Kind::ALL {
-        if matches!(kind, Kind::Spikes | Kind::RandomWalk) {
+        if matches!(kind, Kind::Spikes | Kind::RandomWalk | Kind::ZeroJumps | Kind::GainWalk) {
             continue;
         }
         let spec = Spec::sized(*kind, None, 3.0);

@@ -40,7 +40,8 @@ pub(super) fn merged(
 /// An effect that was put in: where, its parameters, and the size that was asked for.
 fn put_in(effect: &Effect, rig: &Rig) -> Value {
     let mut parameters = Map::new();
-    let is_source = |name: &str| effect.kind == Kind::ChannelCoupling && name == "source";
+    let is_source =
+        |name: &str| matches!(effect.kind, Kind::ChannelCoupling | Kind::Product) && name == "source";
     parameters.insert(effect.kind.strength().to_owned(), json!(effect.strength));
     for (name, value) in &effect.numbers {
         let gauge = rig.layout.gauges.get(*value as usize).filter(|_| is_source(name));

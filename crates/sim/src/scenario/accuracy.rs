@@ -70,6 +70,7 @@ pub(super) fn accuracy(limits: &MotionLimits, seed: u64, accept: &dyn Fn(&[f64])
         trajectory,
         loads: Vec::new(),
         push,
+        warming: None,
         reference: Some(ReferenceSensor {
             mounted_s: whole_s,
             force_sigma_n: [0.0; 3],

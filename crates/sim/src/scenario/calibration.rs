@@ -90,6 +90,7 @@ impl CalibrationPlan {
             trajectory,
             loads,
             push,
+            warming: None,
             reference: (self.pushed_poses > 0).then_some(reference),
         }
     }

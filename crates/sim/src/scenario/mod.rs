@@ -12,6 +12,7 @@ use rig::run::{LoadInterval, Purpose};
 pub use calibration::CalibrationPlan;
 
 use crate::SimError;
+pub use crate::climate::Warming;
 use crate::motion::{MotionLimits, Trajectory};
 use crate::push::Push;
 
@@ -54,6 +55,8 @@ pub struct Scenario {
     pub push: Push,
     /// What measures the push; without it a recording has no reference.csv.
     pub reference: Option<ReferenceSensor>,
+    /// What the arm warms up by; none: half a kelvin in a quarter of an hour.
+    pub warming: Option<Warming>,
 }
 
 /// Scenarios that come with a name.
@@ -123,6 +126,7 @@ impl Scenario {
             loads: Vec::new(),
             push: Push::none(),
             reference: None,
+            warming: None,
         }
     }
 

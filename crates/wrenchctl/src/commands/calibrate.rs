@@ -1,11 +1,12 @@
 //! `wrenchctl calibrate`: recordings to a model.
 
+use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use calibration::{Axes, Calibration, Recording};
-use rig::binding::sha256_hex;
+use calibration::{Axes, Calibration, Keep, Recording};
+use rig::binding::sha256_of;
 use rig::model_file::Input;
 use rig::{Rig, Run};
 
@@ -13,6 +14,9 @@ use crate::output::{self, Side, Table};
 use crate::pages;
 use crate::progress::Progress;
 use crate::{Error, Outcome};
+
+/// Instants that are held in memory at most, of all recordings together: some hundred MB.
+pub const MOST_INSTANTS: usize = 1 << 20;
 
 /// What to calibrate from.
 #[derive(clap::Args, Debug)]
@@ -49,7 +53,7 @@ pub enum AxesArg {
 pub fn run(args: Args) -> Result<Outcome, Error> {
     let runs = load_runs(&args.runs)?;
     let rig = Rig::load(runs[0].config.clone())?;
-    let recordings = read(&runs, &rig)?;
+    let recordings = read(&runs, &rig, Keep::Spread(MOST_INSTANTS / runs.len()))?;
     let axes = match args.axes {
         AxesArg::Nominal => Axes::Nominal,
         AxesArg::Five => Axes::Five,
@@ -116,15 +120,15 @@ pub fn load_runs(dirs: &[PathBuf]) -> Result<Vec<Run>, Error> {
     Ok(runs)
 }
 
-/// Reads the logs of the runs, each with its own configuration, telling a watching person how far it is.
-pub fn read(runs: &[Run], rig: &Rig) -> Result<Vec<Recording>, Error> {
+/// Reads the logs of the runs, each with its own configuration, and of each what is to be kept; tells a watching person how far it is.
+pub fn read(runs: &[Run], rig: &Rig, keep: Keep) -> Result<Vec<Recording>, Error> {
     let mut recordings = Vec::with_capacity(runs.len());
     for run in runs {
         let own = Rig::load(run.config.clone())?;
         let rig = if runs.len() == 1 { rig } else { &own };
         let size = std::fs::metadata(&run.log).map_or(0, |m| m.len());
         let progress = Progress::bytes(size, &run.log.display().to_string());
-        recordings.push(Recording::read(run, rig, |bytes| progress.at(bytes))?);
+        recordings.push(Recording::read_some(run, rig, keep, |bytes| progress.at(bytes))?);
     }
     Ok(recordings)
 }
@@ -136,10 +140,10 @@ fn inputs(runs: &[Run]) -> Result<Vec<Input>, Error> {
         files.push(run.config.robot.urdf.clone());
         files.push(run.config.bus.dbc.clone());
         for file in files {
-            let bytes = std::fs::read(&file).map_err(|source| {
+            let sha256 = File::open(&file).and_then(sha256_of).map_err(|source| {
                 Error::usage(format!("{}: cannot be read: {source}; make it readable", file.display()))
             })?;
-            out.push(Input { file: file.display().to_string(), sha256: sha256_hex(&bytes) });
+            out.push(Input { file: file.display().to_string(), sha256 });
         }
     }
     Ok(out)

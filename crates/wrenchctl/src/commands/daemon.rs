@@ -147,6 +147,14 @@ fn live_rows(live: &Live, row: &mut impl FnMut(&str, String)) {
         }
         _ => row("wrench", format!("none: {}", live.reason.as_deref().unwrap_or("no reason given"))),
     }
+    if let Some(protection) = &live.protection {
+        // The largest error that one faulty gauge can hide.
+        let level = |k: usize| protection[k].map_or("anything".to_owned(), |level| format!("{level:.3}"));
+        let part = |from: usize, unit: &str| {
+            format!("{}, {}, {} {unit}", level(from), level(from + 1), level(from + 2))
+        };
+        row("protection", format!("{}; {}", part(0, "N"), part(3, "Nm")));
+    }
     if let Some(parity) = &live.parity {
         row("parity", format!("{:.1} of {:.0}, {} spare gauges", parity.chi2, parity.limit, parity.dof));
     }
@@ -165,7 +173,7 @@ fn gauges(live: &Live) -> String {
     for gauge in &live.gauges {
         table.row([
             gauge.name.clone(),
-            gauge.state.clone(),
+            if gauge.suspect { format!("{}, suspect", gauge.state) } else { gauge.state.clone() },
             format!("{:.0}", gauge.counts),
             format!("{:.2}", gauge.residual_sigma),
             format!("{:.0}", gauge.zero_shift_counts),

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use calibration::Recording;
+use calibration::{Keep, Recording};
 use gap::Diagnosis;
 use gap::diagnosis::Verdict;
 use rig::{ModelFile, Rig, Run};
@@ -13,6 +13,9 @@ use crate::output::{self, Side, Table};
 use crate::pages;
 use crate::progress::Progress;
 use crate::{Error, Outcome};
+
+/// Instants that are looked at at most, of all recordings together: each takes some 20 kB, for all that is tried on it.
+const MOST_INSTANTS: usize = 1 << 17;
 
 /// What to diagnose.
 #[derive(clap::Args, Debug)]
@@ -92,7 +95,8 @@ fn runs(args: &Args) -> Result<gap::Session, Error> {
     };
     let rig = Rig::load(runs[0].config.clone())?;
     let model = ModelFile::load(path, &rig)?;
-    let mut recordings: Vec<(&Run, Recording)> = runs.iter().zip(read(&runs, &rig)?).collect();
+    let recordings = read(&runs, &rig, Keep::Stretches(MOST_INSTANTS / runs.len()))?;
+    let mut recordings: Vec<(&Run, Recording)> = runs.iter().zip(recordings).collect();
     // History goes on from run to run.
     recordings.sort_by_key(|(_, recording)| recording.start_ns);
     let pairs: Vec<(&Run, &Recording)> =

@@ -2,10 +2,12 @@
 
 pub mod calibrate;
 pub mod check;
+pub mod completions;
 pub mod daemon;
 pub mod demo;
 pub mod diagnose;
 pub mod dump;
+pub mod mcap;
 pub mod monitor;
 pub mod plan;
 pub mod record;
@@ -23,6 +25,7 @@ use crate::{Error, Outcome};
 pub fn run(command: Command) -> Result<Outcome, Error> {
     match command {
         Command::Check(args) => check::run(args),
+        Command::Mcap(args) => mcap::run(args),
         Command::Monitor(args) => monitor::run(args),
         Command::Status(args) => daemon::status(args),
         Command::Tare(args) => daemon::tare(args),
@@ -39,6 +42,7 @@ pub fn run(command: Command) -> Result<Outcome, Error> {
         Command::Calibrate(args) => calibrate::run(args),
         Command::Diagnose(args) => diagnose::run(args),
         Command::Validate(args) => validate::run(args),
+        Command::Completions(args) => completions::run(args),
     }
 }
 

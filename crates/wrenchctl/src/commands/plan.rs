@@ -4,10 +4,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use calibration::plan::{self, GaugeState, Goal, Plan, Weight};
-use calibration::{Axes, Recording};
+use calibration::{Axes, Keep, Recording};
 use rig::{ModelFile, Rig, Run};
 
-use super::calibrate::{load_runs, read};
+use super::calibrate::{MOST_INSTANTS, load_runs, read};
 use crate::output::{self, Side, Table};
 use crate::{Error, Outcome};
 
@@ -99,7 +99,7 @@ fn known(rig: &Rig, model: Option<&ModelFile>, runs: &[Run]) -> Result<Vec<Gauge
             rig.config.file.display()
         )));
     }
-    let recordings = read(runs, rig)?;
+    let recordings = read(runs, rig, Keep::Spread(MOST_INSTANTS / runs.len().max(1)))?;
     for odd in recordings.iter().filter_map(Recording::oddities) {
         output::note(format_args!("{odd}"));
     }

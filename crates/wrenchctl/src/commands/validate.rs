@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use calibration::Keep;
 use calibration::validate::{Row, Score, Validation};
 use rig::{ModelFile, Rig};
 
@@ -50,7 +51,7 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     let runs = load_runs(&args.runs)?;
     let rig = Rig::load(runs[0].config.clone())?;
     let model = ModelFile::load(&args.model, &rig)?;
-    let recordings = read(&runs, &rig)?;
+    let recordings = read(&runs, &rig, Keep::Everything)?;
     for odd in recordings.iter().filter_map(calibration::Recording::oddities) {
         output::note(format_args!("{odd}"));
     }

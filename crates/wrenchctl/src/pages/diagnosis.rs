@@ -1,8 +1,8 @@
 //! The page of `diagnose --report`: the verdict, what the gap consists of, where it lies, what else it could be, what to do next.
 
 use gap::Diagnosis;
-use gap::diagnosis::{Bin, Verdict};
-use report::{Bars, Cell, Grid, Heading, List, Page, Table, Text, Waterfall};
+use gap::diagnosis::{Bin, Loop, LoopPoint, Verdict};
+use report::{Bars, Cell, Chart, Grid, Heading, Heat, Ink, List, Page, Size, Table, Text, Trace, Waterfall};
 
 /// Most quantities over which the gap is shown.
 const MOST_PROFILES: usize = 24;
@@ -26,6 +26,21 @@ pub fn page(diagnosis: &Diagnosis, what: &str) -> Page {
     page.add(parameters(diagnosis));
     page.add(Heading::section("Where"));
     page.add(sensors(diagnosis));
+    if !diagnosis.location.sensor_by_joint.is_empty() {
+        page.add(map(diagnosis));
+    }
+    if !diagnosis.location.loops.is_empty() {
+        page.add(Heading::small("Loops"));
+        page.add(
+            diagnosis.location.loops.iter().fold(Grid::default(), |grid, one| grid.with(hysteresis(one))),
+        );
+    }
+    let spectra: Vec<Vec<&Bin>> = orders(diagnosis);
+    if !spectra.is_empty() {
+        page.add(Heading::small("Orders"));
+        page.add(spectra.iter().fold(Grid::default(), |grid, bins| grid.with(spectrum(bins))));
+    }
+    page.add(Heading::small("Over what is known at every instant"));
     let mut grid = Grid::default();
     for (key, bins) in profiles(diagnosis).into_iter().take(MOST_PROFILES) {
         grid = grid.with(profile(key, &bins));
@@ -127,10 +142,37 @@ fn sensors(diagnosis: &Diagnosis) -> Bars {
     bars
 }
 
+/// Channels by joints: how much of each channel's gap goes with each joint's angle.
+fn map(diagnosis: &Diagnosis) -> Heat {
+    let entries = &diagnosis.location.sensor_by_joint;
+    let mut joints: Vec<&str> = Vec::new();
+    let mut sensors: Vec<&str> = Vec::new();
+    for entry in entries {
+        if !joints.contains(&entry.joint.as_str()) {
+            joints.push(&entry.joint);
+        }
+        if !sensors.contains(&entry.sensor.as_str()) {
+            sensors.push(&entry.sensor);
+        }
+    }
+    let mut map =
+        Heat::new("Gap that goes with a joint's angle, %", joints.iter().map(|name| (*name).to_owned()))
+            .remark("Share of each channel's mean square, as simulated.")
+            .full(100.0);
+    for sensor in sensors {
+        let share = |joint: &&str| {
+            let own = entries.iter().find(|entry| entry.sensor == sensor && entry.joint == **joint);
+            own.map(|entry| 100.0 * entry.before)
+        };
+        map.row(sensor, joints.iter().map(share));
+    }
+    map
+}
+
 /// The gap over one quantity after the other, those over which it changes most first.
 fn profiles(diagnosis: &Diagnosis) -> Vec<(&str, Vec<&Bin>)> {
     let mut all: Vec<(&str, Vec<&Bin>)> = Vec::new();
-    for (key, bins) in &diagnosis.location.profiles {
+    for (key, bins) in diagnosis.location.profiles.iter().filter(|(key, _)| *key != "order") {
         for bin in bins {
             match all.iter_mut().find(|(known, list)| known == key && list[0].name == bin.name) {
                 Some((_, list)) => list.push(bin),
@@ -155,4 +197,63 @@ fn profile(key: &str, bins: &[&Bin]) -> Bars {
         bars = bars.row(name, &[Some(bin.before), Some(bin.after)]);
     }
     bars
+}
+
+/// A channel's gap where a quantity rises and where it falls.
+fn hysteresis(one: &Loop) -> Chart {
+    let title = if one.over == one.sensor {
+        format!("{} over its own signal", one.sensor)
+    } else {
+        format!("{} over {}", one.sensor, one.over)
+    };
+    let axis = format!("{}, {}", one.over, one.unit);
+    let trace = |of: fn(&LoopPoint) -> Option<f64>| {
+        let points: Vec<(f64, f64)> = one.points.iter().filter_map(|p| Some((p.at, of(p)?))).collect();
+        Trace::of(&points)
+    };
+    Chart::new(title, axis, "mean gap over noise", Size::Small)
+        .level(0.0)
+        .line("rising", Ink::Series(0), trace(|p| p.rising_before))
+        .line("falling", Ink::Series(1), trace(|p| p.falling_before))
+        .line("rising, with all found", Ink::Series(2), trace(|p| p.rising_after))
+        .line("falling, with all found", Ink::Series(3), trace(|p| p.falling_after))
+}
+
+/// A band of orders tells something where its wave is so many times as strong as the others, and so large over noise.
+const STANDS_OUT: f64 = 3.0;
+const WORTH_SHOWING: f64 = 0.1;
+
+/// The bands of the joints in whose turns something ripples.
+fn orders(diagnosis: &Diagnosis) -> Vec<Vec<&Bin>> {
+    let all = diagnosis.location.profiles.get("order").map_or(&[][..], Vec::as_slice);
+    let mut joints: Vec<Vec<&Bin>> = Vec::new();
+    for bin in all {
+        match joints.iter_mut().find(|own| own[0].name == bin.name) {
+            Some(own) => own.push(bin),
+            None => joints.push(vec![bin]),
+        }
+    }
+    let tells = |bins: &Vec<&Bin>| {
+        // The lower half is where slow things leak into.
+        let mut upper: Vec<f64> = bins[bins.len() / 2..].iter().map(|bin| bin.before).collect();
+        upper.sort_by(f64::total_cmp);
+        let (middle, most) = (upper[upper.len() / 2], upper[upper.len() - 1]);
+        let is_found = diagnosis
+            .findings
+            .iter()
+            .any(|finding| finding.effect == "torque_ripple" && finding.joints.contains(&bins[0].name));
+        is_found || (most > STANDS_OUT * middle && most > WORTH_SHOWING)
+    };
+    joints.into_iter().filter(tells).collect()
+}
+
+fn spectrum(bins: &[&Bin]) -> Chart {
+    let trace = |of: fn(&Bin) -> f64| {
+        let points: Vec<(f64, f64)> = bins.iter().map(|bin| ((bin.from + bin.to) / 2.0, of(bin))).collect();
+        Trace::of(&points)
+    };
+    let title = format!("Turns of {}", bins[0].name);
+    Chart::new(title, "cycles per turn", "strongest wave, RMS over noise", Size::Small)
+        .line("before", Ink::Series(0), trace(|bin| bin.before))
+        .line("after", Ink::Series(1), trace(|bin| bin.after))
 }

@@ -6,6 +6,7 @@
 //! {"command": "payload", "mass": 0.5, "com": [0, 0, 0.05]}     {"ok": true, "live": {...}}   mass 0 takes it off
 //! {"command": "reload"}                                        {"ok": true, "done": "reloaded ..."}
 //! {"command": "stream", "rate_hz": 20}                         {"ok": true, "status": {...}} again and again, to the end
+//! {"command": "records"}                                       {"sequence": 7, ...}: every record from now on, to the end
 //! anything else                                                {"ok": false, "error": "what is wrong, and what to do"}
 //! ```
 
@@ -14,6 +15,7 @@ pub(crate) mod server;
 
 use serde::{Deserialize, Serialize};
 
+use crate::published::Published;
 use crate::view::{DaemonStatus, Live};
 
 /// Longest line that is read, bytes.
@@ -40,6 +42,8 @@ pub enum Request {
         #[serde(default = "stream_hz")]
         rate_hz: f64,
     },
+    /// Every record that is published from now on, each a line: a [`Record`].
+    Records {},
     /// Find every gauge's zero again; the answer comes when that is done or refused.
     Tare {},
     /// Take the calibration's zeros again.
@@ -54,6 +58,38 @@ pub enum Request {
     },
     /// Read configuration and model again.
     Reload {},
+}
+
+/// One published record, for programs that pass it on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Its number; a reader that was too slow misses some.
+    pub sequence: u64,
+    /// The instant that it refers to, ns since the Unix epoch; 0 before the first.
+    pub instant_ns: i64,
+    /// When it was published, ns since the Unix epoch.
+    pub published_ns: i64,
+    /// The status byte.
+    pub status: u8,
+    /// Why there is no wrench; absent where there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// The environment's wrench about the tip's origin, in tip axes: Fx Fy Fz (N), Tx Ty Tz (Nm).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wrench: Option<[f64; 6]>,
+}
+
+impl From<&Published> for Record {
+    fn from(record: &Published) -> Self {
+        Self {
+            sequence: record.sequence,
+            instant_ns: record.instant_ns,
+            published_ns: record.published_ns,
+            status: record.status.bits(),
+            reason: record.outcome.err().map(|why| why.to_string()),
+            wrench: record.outcome.ok().map(|solution| solution.wrench.to_vector().into()),
+        }
+    }
 }
 
 fn stream_hz() -> f64 {
@@ -84,8 +120,8 @@ impl Request {
     pub fn parse(line: &[u8]) -> Result<Self, String> {
         let request: Self = serde_json::from_slice(line).map_err(|error| {
             format!(
-                "not a request: {error}; send a line such as {{\"command\": \"status\"}}, with one of status, stream, tare, \
-                 untare, payload, reload"
+                "not a request: {error}; send a line such as {{\"command\": \"status\"}}, with one of status, stream, tare, untare, \
+                 payload, reload, records"
             )
         })?;
         request.check()
@@ -123,6 +159,7 @@ impl Reply {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn requests_are_read_and_nonsense_is_named() {
@@ -146,6 +183,35 @@ mod tests {
         ] {
             let error = parse(line).unwrap_err();
             assert!(error.contains(part), "{line}: {error}");
+        }
+    }
+
+    fn requests() -> impl Strategy<Value = Request> {
+        prop_oneof![
+            Just(Request::Status {}),
+            Just(Request::Tare {}),
+            Just(Request::Untare {}),
+            Just(Request::Reload {}),
+            (f64::MIN_POSITIVE..=MOST_STREAM_HZ).prop_map(|rate_hz| Request::Stream { rate_hz }),
+            (0.0..=MOST_PAYLOAD_KG, prop::array::uniform3(-10.0..=10.0f64))
+                .prop_map(|(mass, com)| Request::Payload { mass, com }),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn requests_round_trip_and_damage_is_never_obeyed_as_another(request in requests(), cut in 1usize..20) {
+            let line = serde_json::to_vec(&request).unwrap();
+            prop_assert_eq!(Request::parse(&line), Ok(request));
+            prop_assert!(Request::parse(&line[..line.len() - cut.min(line.len())]).is_err());
+        }
+
+        #[test]
+        fn replies_round_trip(words in ".{0,40}", ok: bool) {
+            let reply = if ok { Reply::done(words) } else { Reply::error(words) };
+            let line = serde_json::to_vec(&reply).unwrap();
+            prop_assert!(!line.contains(&b'\n'), "one line");
+            prop_assert_eq!(serde_json::from_slice::<Reply>(&line).unwrap(), reply);
         }
     }
 }

@@ -13,7 +13,7 @@ use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::sync::Semaphore;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
-use super::{LINE_BYTES, Reply, Request};
+use super::{LINE_BYTES, Record, Reply, Request};
 use crate::command::{Done, Order};
 use crate::network::ports::{PortError, Ports};
 use crate::network::{Server, Shared};
@@ -24,6 +24,8 @@ use crate::view::Payload;
 const CONNECTIONS: usize = 16;
 /// A connection that asks nothing for so long is closed.
 const IDLE_LIMIT: Duration = Duration::from_secs(600);
+/// How often new records are looked for.
+const RECORDS_PERIOD: Duration = Duration::from_millis(1);
 /// A client that does not read an answer for so long is cut off.
 const WRITE_LIMIT: Duration = Duration::from_secs(2);
 
@@ -92,6 +94,7 @@ async fn attend(stream: UnixStream, shared: &Shared) -> std::io::Result<()> {
         match Request::parse(&line) {
             Err(error) => answer(&mut write, &Reply::error(error)).await?,
             Ok(Request::Stream { rate_hz }) => return stream_to(write, read, rate_hz, shared).await,
+            Ok(Request::Records {}) => return pass_on(write, read, shared).await,
             Ok(request) => answer(&mut write, &obey(request, shared).await).await?,
         }
     }
@@ -99,7 +102,7 @@ async fn attend(stream: UnixStream, shared: &Shared) -> std::io::Result<()> {
 
 async fn obey(request: Request, shared: &Shared) -> Reply {
     match request {
-        Request::Status {} | Request::Stream { .. } => status(shared),
+        Request::Status {} | Request::Stream { .. } | Request::Records {} => status(shared),
         Request::Tare {} => order(Order::Tare, shared).await,
         Request::Untare {} => order(Order::Untare, shared).await,
         Request::Payload { mass, com } => {
@@ -155,6 +158,36 @@ async fn stream_to(
         tokio::select! {
             _ = period.tick() => answer(&mut write, &status(shared)).await?,
             // Whatever it says is passed over; its end ends the stream.
+            length = read.read(&mut said) => if length? == 0 {
+                return Ok(());
+            },
+        }
+    }
+}
+
+/// Sends every record as it is published until the client goes; one that is too slow misses some, one that does not read at all is cut off.
+async fn pass_on(
+    mut write: OwnedWriteHalf,
+    mut read: BufReader<OwnedReadHalf>,
+    shared: &Shared,
+) -> std::io::Result<()> {
+    let mut reader = shared.feed.reader();
+    let mut period = interval(RECORDS_PERIOD);
+    period.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    let mut lines = Vec::with_capacity(LINE_BYTES);
+    let mut said = [0; 64];
+    loop {
+        tokio::select! {
+            _ = period.tick() => {
+                lines.clear();
+                while let Some(record) = reader.next_record() {
+                    serde_json::to_writer(&mut lines, &Record::from(&record))?;
+                    lines.push(b'\n');
+                }
+                if !lines.is_empty() {
+                    timeout(WRITE_LIMIT, write.write_all(&lines)).await.map_err(|_| std::io::ErrorKind::TimedOut)??;
+                }
+            }
             length = read.read(&mut said) => if length? == 0 {
                 return Ok(());
             },

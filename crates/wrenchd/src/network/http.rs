@@ -11,6 +11,7 @@ use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::Semaphore;
 
 use super::Server;
@@ -26,7 +27,7 @@ const CONNECTION_LIMIT: Duration = Duration::from_secs(30);
 
 /// One answer.
 #[derive(Clone, Debug)]
-pub(crate) struct Answer {
+pub struct Answer {
     pub(crate) status: StatusCode,
     pub(crate) content_type: &'static str,
     pub(crate) body: Bytes,
@@ -34,18 +35,18 @@ pub(crate) struct Answer {
 
 impl Answer {
     /// 200 with a body.
-    pub(crate) fn ok(content_type: &'static str, body: impl Into<Bytes>) -> Self {
+    pub fn ok(content_type: &'static str, body: impl Into<Bytes>) -> Self {
         Self { status: StatusCode::OK, content_type, body: body.into() }
     }
 
     /// A status with a line of text.
-    pub(crate) fn text(status: StatusCode, line: &str) -> Self {
+    pub fn text(status: StatusCode, line: &str) -> Self {
         Self { status, content_type: "text/plain; charset=utf-8", body: format!("{line}\n").into() }
     }
 }
 
 /// Answers a path.
-pub(crate) type Answerer = Arc<dyn Fn(&str) -> Answer + Send + Sync>;
+pub type Answerer = Arc<dyn Fn(&str) -> Answer + Send + Sync>;
 
 /// Serves GET and HEAD on a listener, to the addresses that `allow` accepts.
 pub(crate) fn serve(
@@ -75,21 +76,28 @@ pub(crate) fn serve(
             }
             let answerer = answerer.clone();
             tokio::spawn(async move {
-                let service = service_fn(move |request| {
-                    let response = respond(&request, &answerer);
-                    async move { Ok::<_, std::convert::Infallible>(response) }
-                });
-                let connection = http1::Builder::new()
-                    .timer(TokioTimer::new())
-                    .header_read_timeout(HEAD_LIMIT)
-                    .max_buf_size(HEAD_BYTES)
-                    .serve_connection(TokioIo::new(stream), service);
-                // A client's faults are its own: they end its connection, nothing else.
-                let _ = tokio::time::timeout(CONNECTION_LIMIT, connection).await;
+                attend(stream, answerer).await;
                 drop(place);
             });
         }
     })
+}
+
+/// Serves one connection to its end, of whatever kind it is.
+pub async fn attend(stream: impl AsyncRead + AsyncWrite + Unpin, answerer: Answerer) {
+    let service = service_fn(move |request| {
+        let response = respond(&request, &answerer);
+        async move { Ok::<_, std::convert::Infallible>(response) }
+    });
+    let connection = http1::Builder::new()
+        .timer(TokioTimer::new())
+        // A client that has said all and shuts its side down still gets its answer.
+        .half_close(true)
+        .header_read_timeout(HEAD_LIMIT)
+        .max_buf_size(HEAD_BYTES)
+        .serve_connection(TokioIo::new(stream), service);
+    // A client's faults are its own: they end its connection, nothing else.
+    let _ = tokio::time::timeout(CONNECTION_LIMIT, connection).await;
 }
 
 fn respond(request: &Request<Incoming>, answerer: &Answerer) -> Response<Full<Bytes>> {

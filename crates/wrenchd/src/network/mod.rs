@@ -3,7 +3,7 @@
 //! It all runs on the main thread, reads the feed, the board and the counters, and gives orders through the desk; however slow
 //! or hostile a client is, the cycle does not notice.
 
-pub(crate) mod http;
+pub mod http;
 pub(crate) mod ports;
 
 use std::future::Future;

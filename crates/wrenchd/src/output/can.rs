@@ -103,6 +103,7 @@ mod tests {
             singular_values_per_n: [1.0; 6],
             parity_chi2: 0.0,
             parity_dof: 2,
+            protection: [1.0; 6],
         };
         Published {
             sequence: 258,

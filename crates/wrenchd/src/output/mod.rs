@@ -34,7 +34,7 @@ pub trait Output: Send {
 }
 
 #[cfg(target_os = "linux")]
-pub use opening::{OpenError, not_served};
+pub use opening::OpenError;
 #[cfg(target_os = "linux")]
 pub(crate) use opening::{Opened, open};
 
@@ -91,15 +91,5 @@ mod opening {
             servers.extend(opened.servers);
         }
         Ok((outputs, servers))
-    }
-
-    /// Configured tables that this version does not serve, one line each.
-    pub fn not_served(config: &Config) -> Vec<String> {
-        let tables = [
-            ("[publish.ros2]", config.publish.ros2.is_some()),
-            ("[filter]", config.filter != rig::config::Filter::default()),
-        ];
-        let asked = tables.into_iter().filter(|(_, asked)| *asked);
-        asked.map(|(table, _)| format!("{table} is configured, but this version does not serve it")).collect()
     }
 }

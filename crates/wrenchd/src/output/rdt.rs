@@ -23,7 +23,8 @@ use crate::network::Shared;
 use crate::network::ports::{PortError, Ports};
 use crate::published::Published;
 use record::Recorder;
-pub use stream::Stream;
+pub use record::Request;
+pub use stream::{Grants, Stream};
 
 const TABLE: &str = "[publish.rdt]";
 

@@ -43,8 +43,10 @@ pub fn run(options: &Options) -> Result<ExitCode, StartError> {
     for warning in &loaded.rig.warnings {
         tracing::warn!("{warning}");
     }
-    for line in crate::output::not_served(&loaded.rig.config) {
-        tracing::warn!("{line}");
+    if loaded.rig.config.publish.ros2.is_some() {
+        tracing::info!(
+            "[publish.ros2] is served by a program of its own: `wrenchd-ros2 --config FILE`, beside this one"
+        );
     }
     // Held to the end.
     let awake = realtime::no_deep_sleep();

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use can::frame::Stamped;
 use can::source::{Batch, Event, Poll, Source};
-use rig::config::PublishMode;
+use rig::config::{Filter, PublishMode};
 use rig::model_file::{Encoder, ModelFile, Provenance, Sensor};
 use rig::{Config, Rig};
 use sim::{Options, Preset, Scenario, Simulator, Trajectory, Truth};
@@ -21,9 +21,15 @@ pub fn examples() -> PathBuf {
 
 /// The reference arm, nothing sent on CAN.
 pub fn rig(mode: PublishMode) -> Rig {
+    rig_with(mode, Filter::default())
+}
+
+/// The same with a filter.
+pub fn rig_with(mode: PublishMode, filter: Filter) -> Rig {
     let mut config = Config::load(&examples().join("arm.toml")).unwrap();
     config.publish.mode = mode;
     config.publish.can = None;
+    config.filter = filter;
     Rig::load(config).unwrap()
 }
 

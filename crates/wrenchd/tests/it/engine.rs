@@ -1,13 +1,13 @@
 //! Frames and time to records.
 
 use can::frame::Stamped;
-use rig::config::PublishMode;
+use rig::config::{Filter, PublishMode};
 use rig::cycle::{Cycle, Estimate};
 use rig::{Rig, Status};
 use wrenchd::engine::{Engine, Now, SILENCE_PERIOD_NS};
 use wrenchd::published::{Published, Why};
 
-use crate::common::{frames, model, rig, simulator, truth};
+use crate::common::{frames, model, rig, rig_with, simulator, truth};
 
 const MS: i64 = 1_000_000;
 
@@ -144,6 +144,32 @@ fn fixed_mode_repeats_the_newest_with_its_age_until_it_is_stale() {
     let stale = records[valid_until + 1];
     assert_eq!((stale.outcome, stale.status.bits()), (Err(Why::Stale), 0b1001));
     assert!(records.iter().enumerate().all(|(k, r)| r.sequence == k as u64));
+}
+
+#[test]
+fn a_filter_that_waits_makes_old_instants_of_fresh_inputs() {
+    let rig = rig_with(PublishMode::Fixed, Filter { cutoff_hz: Some(40.0), delay_s: Some(0.03) });
+    let mut world = simulator(&rig, 1000.0);
+    let mut engine = engine(&rig);
+    let (mut valid, mut newest_ns) = (0, 0);
+    for frame in &frames(&rig, 1000.0, 0.5) {
+        newest_ns = frame.stamp_ns;
+        engine.push(frame, Now::simulated(newest_ns), |_| panic!("fixed mode publishes on its grid"));
+        engine.tick(Now::simulated(newest_ns), |record| {
+            let Ok(solution) = &record.outcome else { return };
+            valid += 1;
+            // The low-pass's own delay, twice its time constant, comes on top.
+            let most_ns = 31 * MS + 2 * (0.6436 / (std::f64::consts::TAU * 40.0) * 1e9) as i64 + MS;
+            assert!((29 * MS..most_ns).contains(&record.age_ns), "{}", record.age_ns);
+            let error = solution.wrench.to_vector() - world.truth_at_ns(record.instant_ns).to_vector();
+            let sigmas = |k: usize| error[k].abs() / solution.covariance[(k, k)].sqrt();
+            assert!((0..6).all(|k| sigmas(k) < 5.0), "{error} {}", solution.covariance);
+        });
+    }
+    assert!(valid > 440 * 6, "{valid}");
+    // And stale as soon as without it.
+    engine.tick(Now::simulated(newest_ns + 15 * MS), |record| assert!(record.is_valid()));
+    engine.tick(Now::simulated(newest_ns + 24 * MS), |record| assert_eq!(record.outcome, Err(Why::Stale)));
 }
 
 #[test]

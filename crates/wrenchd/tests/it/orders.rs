@@ -17,7 +17,7 @@ use crate::common::{model, rig, truth};
 const POSES: [[f64; 6]; 3] =
     [[0.2, -0.9, 0.8, 0.3, -0.7, 0.4], [-0.6, -0.4, 1.2, -0.8, 0.9, -1.0], [0.9, -1.3, 0.3, 1.4, 0.5, 2.0]];
 
-/// Drifted zeros: another wrench in every pose. Beyond noise, and within the parity of what a day may do.
+/// Drifted zeros: another wrench in every pose, and gauges that contradict each other.
 const DRIFT_COUNTS: [f64; 8] = [60e3, -45e3, 70e3, 30e3, -55e3, 40e3, -35e3, 50e3];
 
 /// A simulated arm that holds each pose for two seconds, and the daemon's engine on its frames.
@@ -115,7 +115,9 @@ fn drift(truth: &mut Truth) {
 #[test]
 fn a_tare_takes_drifted_zeros_away_in_every_pose_and_is_undone() {
     let mut world = World::new(&drift, 0.0);
-    let before = force_n(&world.run(0.5));
+    let before = world.run(0.5);
+    assert!(before[10..].iter().all(|r| !r.is_valid() || r.status.has(Status::PARITY)), "never as good");
+    assert!(before[10..].iter().any(|r| !r.is_valid()));
     assert_eq!(world.order(Order::Tare), None, "it takes its time");
     let during = world.run(0.45);
     assert!(world.engine.take_report().is_none() && during.iter().all(|r| !r.status.has(Status::TARED)));
@@ -133,7 +135,7 @@ fn a_tare_takes_drifted_zeros_away_in_every_pose_and_is_undone() {
     for records in [&here, &elsewhere] {
         assert!(records.iter().all(|r| r.status.has(Status::TARED)));
         let (after, nees) = (force_n(records), nees(records));
-        assert!(before > 1.0 && after < before / 20.0, "{before} N before, {after} N after");
+        assert!(after < 0.1, "{after} N after");
         assert!((0.4..1.6).contains(&nees), "nees {nees}");
     }
     // The same again, undone.
@@ -141,16 +143,18 @@ fn a_tare_takes_drifted_zeros_away_in_every_pose_and_is_undone() {
     world.run(0.1);
     world.order(Order::Tare);
     world.run(0.6);
-    assert!(force_n(&world.run(0.3)) < before / 20.0);
+    assert!(force_n(&world.run(0.3)) < 0.1);
     assert_eq!(world.order(Order::Untare).unwrap().outcome, Ok(Done::Obeyed));
     let undone = world.run(0.4);
     let mut never_tared = World::new(&drift, 0.0);
     never_tared.run(1.0);
     let expected = never_tared.run(0.4);
-    assert!(force_n(&undone) > 1.0 && undone.len() == expected.len());
+    assert_eq!(undone.len(), expected.len());
     for (undone, expected) in undone[1..].iter().zip(&expected[1..]) {
-        let (Ok(a), Ok(b)) = (undone.outcome, expected.outcome) else { panic!("{undone:?} {expected:?}") };
-        assert!((a.wrench.to_vector() - b.wrench.to_vector()).amax() < 1e-9, "{a:?} {b:?}");
+        assert!(!undone.is_valid() || undone.status.has(Status::PARITY), "{undone:?}");
+        if let (Ok(a), Ok(b)) = (undone.outcome, expected.outcome) {
+            assert!((a.wrench.to_vector() - b.wrench.to_vector()).amax() < 1e-9, "{a:?} {b:?}");
+        }
     }
     assert!(undone[1..].iter().all(|r| !r.status.has(Status::TARED)));
     assert!(world.engine.board().tared().is_none());

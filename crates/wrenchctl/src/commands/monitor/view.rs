@@ -71,7 +71,11 @@ pub(super) fn draw(frame: &mut Frame<'_>, history: &History) {
         frame.render_widget(gauge_table(live), left);
     }
     frame.render_widget(Paragraph::new(facts(status)).block(Block::bordered().title("daemon")), right);
-    frame.render_widget(Paragraph::new("q: quit").style(dim()), foot);
+    frame.render_widget(
+        Paragraph::new("q: quit    value \u{b1} deviation (most that one faulty gauge can hide)")
+            .style(dim()),
+        foot,
+    );
 }
 
 fn dim() -> Style {
@@ -108,7 +112,13 @@ fn trace(frame: &mut Frame<'_>, area: Rect, axis: usize, history: &History) {
     let value = live.and_then(|live| Some((live.wrench?[axis], live.sigma?[axis])));
     let digits = if axis < 3 { 2 } else { 3 };
     let title = match value {
-        Some((value, sigma)) => format!("{name} {value:.digits$} \u{b1} {sigma:.digits$} {unit}"),
+        Some((value, sigma)) => {
+            let hides = match live.and_then(|live| live.protection).and_then(|levels| levels[axis]) {
+                Some(level) => format!("{level:.digits$}"),
+                None => "?".to_owned(),
+            };
+            format!("{name} {value:.digits$} \u{b1} {sigma:.digits$} ({hides}) {unit}")
+        }
         None => format!("{name} \u{2013} {unit}"),
     };
     let label = |y: f64| format!("{y:>7.digits$}");
@@ -133,11 +143,8 @@ fn gauge_table(live: &Live) -> Table<'_> {
             if used { format!("{:>6.2}", gauge.residual_sigma) } else { format!("{:>6}", "\u{2013}") };
         Row::new([
             Cell::from(gauge.name.clone()),
-            Cell::from(gauge.state.clone()).style(Style::new().fg(if used {
-                Color::Reset
-            } else {
-                Color::Red
-            })),
+            Cell::from(if used && gauge.suspect { "suspect".to_owned() } else { gauge.state.clone() })
+                .style(Style::new().fg(if used && !gauge.suspect { Color::Reset } else { Color::Red })),
             Cell::from(format!("{:>10.0}", gauge.counts)),
             Cell::from(residual),
             Cell::from(bar(if used { gauge.residual_sigma } else { 0.0 })).style(Style::new().fg(colour)),
@@ -199,6 +206,7 @@ mod tests {
     fn status(k: u32, wrench: Option<[f64; 6]>) -> DaemonStatus {
         let gauge = |name: usize| Gauge {
             name: format!("s{}", name + 1),
+            suspect: name == 4,
             state: if name == 2 { "saturated" } else { "used" }.into(),
             counts: 12_345.0 * name as f64,
             residual_sigma: name as f64 - 2.0,
@@ -214,6 +222,7 @@ mod tests {
             reason: wrench.is_none().then(|| "fewer than six usable gauges".into()),
             wrench,
             sigma: wrench.map(|_| [0.02; 6]),
+            protection: wrench.map(|_| [Some(0.25), None, Some(1.0), Some(0.01), Some(0.02), Some(0.03)]),
             parity: wrench.map(|_| Parity { chi2: 1.5, dof: 1, limit: 65.0 }),
             gauges: (0..8).map(gauge).collect(),
             tare: None,
@@ -252,9 +261,11 @@ mod tests {
         let text = picture(110, 36, &sines);
         for part in [
             "degraded",
-            "Fx 2.60 \u{b1} 0.02 N",
+            "Fx 2.60 \u{b1} 0.02 (0.25) N",
+            "Fy 2.60 \u{b1} 0.02 (?) N",
             "Tz 2.603",
             "saturated",
+            "suspect",
             "1.5 of 65, 1 spare",
             "998 Hz, event",
             "below 0.50 ms",

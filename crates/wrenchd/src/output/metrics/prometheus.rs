@@ -125,6 +125,16 @@ fn wrench(text: &mut Text, record: &Published) {
     for (k, (axis, unit)) in AXES.iter().enumerate() {
         sigma.sample("", &[("axis", axis), ("unit", unit)], solution.covariance[(k, k)].max(0.0).sqrt());
     }
+    let mut protection = text.family(
+        "wrench_protection",
+        "gauge",
+        "Largest error that one faulty gauge can hide from the spare ones; +Inf where it can hide anything.",
+    );
+    for (k, (axis, unit)) in AXES.iter().enumerate() {
+        let level = solution.protection[k];
+        let words = if level.is_finite() { level.to_string() } else { "+Inf".to_owned() };
+        protection.sample("", &[("axis", axis), ("unit", unit)], words);
+    }
     let worst_n = 1.0 / solution.singular_values_per_n[5];
     text.gauge(
         "worst_sigma_newtons",
@@ -141,6 +151,11 @@ fn sensors(text: &mut Text, gauges: &[(&String, GaugeReadback)]) {
     for (name, gauge) in gauges {
         let is_used = gauge.state == rig::cycle::GaugeState::Used;
         used.sample("", &[("gauge", name), ("state", &state_name(gauge.state))], u8::from(is_used));
+    }
+    let mut suspect =
+        text.family("gauge_suspect", "gauge", "1 where the gauges disagree and this one may be at fault.");
+    for (name, gauge) in gauges {
+        suspect.sample("", &[("gauge", name)], u8::from(gauge.suspect));
     }
     type Part = fn(&GaugeReadback) -> f64;
     let families: [(&str, &str, Part); 3] = [

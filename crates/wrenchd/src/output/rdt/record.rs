@@ -15,7 +15,7 @@ pub(super) const STATUS_INVALID: u32 = 0x8000_0000;
 
 /// What a client asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Request {
+pub enum Request {
     /// No more records.
     Stop,
     /// So many records (`None`: without end), each as soon as it is published.
@@ -28,7 +28,7 @@ pub(super) enum Request {
 
 impl Request {
     /// From a datagram; none where it is no request, or one that this box does not know.
-    pub(super) fn parse(data: &[u8]) -> Option<Self> {
+    pub fn parse(data: &[u8]) -> Option<Self> {
         let data: &[u8; REQUEST_BYTES] = data.try_into().ok()?;
         let [h0, h1, c0, c1, n0, n1, n2, n3] = *data;
         if u16::from_be_bytes([h0, h1]) != REQUEST_HEADER {
@@ -93,6 +93,7 @@ mod tests {
     use model::estimator::Solution;
     use model::spatial::Wrench;
     use nalgebra::{Matrix6, Vector6};
+    use proptest::prelude::*;
     use rig::Status;
 
     fn published(sequence: u64, force_x_n: Option<f64>) -> Published {
@@ -102,6 +103,7 @@ mod tests {
             singular_values_per_n: [1.0; 6],
             parity_chi2: 0.0,
             parity_dof: 2,
+            protection: [1.0; 6],
         };
         Published {
             sequence,
@@ -159,5 +161,35 @@ mod tests {
             assert_eq!(next(2, published(8, Some(beyond))), kept, "{beyond}");
         }
         assert_eq!(next(3, published(9, Some(2147.0)))[2..4], [0, 2_147_000_000]);
+    }
+
+    proptest! {
+        #[test]
+        fn every_request_is_read_as_it_was_written(command in 0u16..0x50, count: u32, more in 1usize..9) {
+            let data = [&0x1234u16.to_be_bytes()[..], &command.to_be_bytes(), &count.to_be_bytes()].concat();
+            let expected = match command {
+                0 => Some(Request::Stop),
+                2 | 3 => Some(Request::Stream(Some(count).filter(|count| *count > 0))),
+                0x41 => Some(Request::ResetLatch),
+                0x42 => Some(Request::Bias),
+                _ => None,
+            };
+            prop_assert_eq!(Request::parse(&data), expected);
+            prop_assert_eq!(Request::parse(&data[..8 - more]), None);
+            prop_assert_eq!(Request::parse(&[&data[..], &data[..more]].concat()), None);
+        }
+
+        /// What a client computes from a record is what was published, to half a count.
+        #[test]
+        fn records_round_trip(force_x_n in -2000.0..2000.0f64, number: u32, sequence: u64, per_n in 1u32..1_000_000) {
+            let rdt = PublishRdt { counts_per_n: per_n, ..PublishRdt::default() };
+            let mut recorder = Recorder::new(&rdt);
+            let record = published(sequence, Some(force_x_n));
+            recorder.note(&record);
+            let words = words(&recorder.record(number, &record));
+            prop_assert_eq!(&words[..3], &[i64::from(number), i64::from(sequence as u32), 0][..]);
+            let told_n = words[3] as f64 / f64::from(per_n);
+            prop_assert!((told_n - force_x_n).abs() <= 0.501 / f64::from(per_n), "{} {}", told_n, force_x_n);
+        }
     }
 }

@@ -1,9 +1,11 @@
 //! Hears requests and obeys those of allowed hosts.
 
-use std::net::UdpSocket;
+use std::net::{SocketAddr, UdpSocket};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use rig::config::Network;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::record::Request;
 use super::stream::Grants;
@@ -25,6 +27,8 @@ pub(super) fn serve(socket: UdpSocket, allow: Vec<Network>, shared: Shared) -> S
         let stream = shared.rdt.clone();
         let mut grants = Grants::new(&stream);
         let mut data = [0; LONGEST_BYTES];
+        // A tare takes half a second; what is asked meanwhile is not kept for later, however much it is.
+        let taring = Arc::new(Semaphore::new(1));
         let (mut foreign, mut refused) = (Quiet::default(), Quiet::default());
         loop {
             let (length, from) = match socket.recv_from(&mut data).await {
@@ -42,8 +46,10 @@ pub(super) fn serve(socket: UdpSocket, allow: Vec<Network>, shared: Shared) -> S
                 continue;
             }
             let Some(request) = Request::parse(&data[..length]) else { continue };
-            if request == Request::Bias {
-                tokio::spawn(bias(shared.clone(), from));
+            if request == Request::Bias
+                && let Ok(place) = taring.clone().try_acquire_owned()
+            {
+                tokio::spawn(bias(shared.clone(), from, place));
             }
             if let Err(holder) = grants.take(request, from, Instant::now()) {
                 refused.say(|| tracing::warn!("RDT request from {from} refused: {holder} holds the stream"));
@@ -53,7 +59,7 @@ pub(super) fn serve(socket: UdpSocket, allow: Vec<Network>, shared: Shared) -> S
 }
 
 /// Tares; the protocol has no answer, so what became of it is logged.
-async fn bias(shared: Shared, from: std::net::SocketAddr) {
+async fn bias(shared: Shared, from: SocketAddr, _place: OwnedSemaphorePermit) {
     match shared.desk.order(Order::Tare).await {
         Ok(_) => tracing::info!("tared for {from}"),
         Err(error) => tracing::warn!("RDT bias from {from}: {error}"),

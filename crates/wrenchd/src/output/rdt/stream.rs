@@ -25,7 +25,7 @@ const ENDLESS: u64 = u64::MAX;
 
 /// The end at which requests are taken in: there is one.
 #[derive(Debug)]
-pub(super) struct Grants<'a> {
+pub struct Grants<'a> {
     stream: &'a Stream,
     /// The host that holds the stream, and until when against others.
     holder: Option<(IpAddr, Instant)>,
@@ -34,7 +34,7 @@ pub(super) struct Grants<'a> {
 impl Stream {
     /// Where the next record goes, if anywhere, with its number since the stream's start (1 and on); counts it as sent. For the
     /// cycle: no wait, no allocation.
-    pub(super) fn next_record(&self) -> Option<(SocketAddr, u32)> {
+    pub fn next_record(&self) -> Option<(SocketAddr, u32)> {
         let (request, [high, low, port, wanted]) = self.request.read()?;
         let sent = self.sent(request);
         if u64::from(sent) >= wanted && wanted != ENDLESS {
@@ -68,12 +68,12 @@ impl Stream {
 
 impl<'a> Grants<'a> {
     /// For the only task that takes in requests. A stream from before (a reload) goes on.
-    pub(super) fn new(stream: &'a Stream) -> Self {
+    pub fn new(stream: &'a Stream) -> Self {
         Self { stream, holder: None }
     }
 
     /// Starts or ends the stream as asked; the host that holds it if that is another one.
-    pub(super) fn take(&mut self, request: Request, from: SocketAddr, now: Instant) -> Result<(), IpAddr> {
+    pub fn take(&mut self, request: Request, from: SocketAddr, now: Instant) -> Result<(), IpAddr> {
         let wanted = match request {
             Request::Stop => 0,
             Request::Stream(None) => ENDLESS,

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use can::channel::channel;
 
 use super::{Daemon, LOAD, files, started, wait_for};
-use crate::control::Reply;
+use crate::control::{Record, Reply};
 use crate::service::load::Loaded;
 use crate::service::start;
 use crate::view::Live;
@@ -50,6 +50,34 @@ impl Client {
             self.ask(r#"{"command":"status"}"#).status.unwrap().live.is_some_and(|l| l.wrench.is_some())
         });
     }
+}
+
+#[test]
+fn every_record_is_passed_on() {
+    let daemon = Daemon::start("");
+    let mut client = Client::new(&daemon);
+    client.wait_for_wrench();
+    client.write.write_all(b"{\"command\":\"records\"}\n").unwrap();
+    let mut last: Option<Record> = None;
+    for _ in 0..200 {
+        let mut line = String::new();
+        client.read.read_line(&mut line).unwrap();
+        let record: Record = serde_json::from_str(&line).unwrap();
+        if let Some(last) = &last {
+            assert_eq!(record.sequence, last.sequence + 1);
+            assert!(record.instant_ns >= last.instant_ns);
+        }
+        assert_eq!(record.wrench.is_some(), record.reason.is_none() && record.status & 1 == 0, "{record:?}");
+        last = Some(record);
+    }
+    daemon.silence(true);
+    let mut reason = None;
+    while reason.is_none() {
+        let mut line = String::new();
+        client.read.read_line(&mut line).unwrap();
+        reason = serde_json::from_str::<Record>(&line).unwrap().reason;
+    }
+    assert!(reason.unwrap().contains("stale_after_s"));
 }
 
 #[test]

@@ -74,6 +74,35 @@ fn metrics_and_health_follow_the_daemon() {
     assert!(!text.contains("wrenchd_wrench{"), "a stale wrench is none");
 }
 
+/// By the parser of Prometheus' own Python client.
+#[test]
+fn prometheus_reads_the_metrics() {
+    let (daemon, address) = serving();
+    wait_for("health", || get(address, "/health").0 == 200);
+    let page = daemon.path("metrics.txt");
+    std::fs::write(&page, get(address, "/metrics").1).unwrap();
+    let mut command = wrenchd_tests::python::script("metrics.py").unwrap();
+    let said = wrenchd_tests::process::run(command.arg(&page), Duration::from_secs(60)).unwrap().stdout();
+    for line in [
+        "family wrenchd_frames counter",
+        "family wrenchd_latency_seconds histogram",
+        "family wrenchd_wrench gauge",
+        "sample wrenchd_healthy - 1.0",
+        "sample wrenchd_gauge_used gauge=s3,state=used 1.0",
+        "sample wrenchd_gauge_suspect gauge=s3 0.0",
+        "sample wrenchd_parity_dof - 2.0",
+    ] {
+        assert!(said.lines().any(|said| said == line), "{line}\n{said}");
+    }
+    let levels: Vec<f64> = said
+        .lines()
+        .filter_map(|line| {
+            line.strip_prefix("sample wrenchd_wrench_protection axis=")?.rsplit_once(' ')?.1.parse().ok()
+        })
+        .collect();
+    assert!(levels.len() == 6 && levels.iter().all(|level| *level > 0.0 && *level < 100.0), "{levels:?}");
+}
+
 #[test]
 fn the_page_needs_nothing_from_elsewhere() {
     let (_daemon, address) = serving();

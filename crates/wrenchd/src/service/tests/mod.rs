@@ -2,6 +2,7 @@
 
 mod control;
 mod http;
+mod picture;
 mod rdt;
 mod reload;
 
@@ -18,6 +19,7 @@ use std::time::{Duration, Instant};
 
 use can::channel::{ChannelSender, channel};
 use rig::config::PublishMode;
+use sim::Simulator;
 use tempfile::TempDir;
 
 use super::Options;
@@ -74,12 +76,16 @@ struct Daemon {
 
 impl Daemon {
     fn start(more: &str) -> Self {
+        Self::start_on(more, holding(&rig(PublishMode::Event), RATE_HZ, LOAD))
+    }
+
+    fn start_on(more: &str, arm: Simulator) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let (supervisor, sender) = started(&files(folder.path(), more));
         let (stop, sends) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(true)));
         let bus = std::thread::spawn({
             let (stop, sends) = (stop.clone(), sends.clone());
-            move || play(&sender, &stop, &sends)
+            move || play(arm, &sender, &stop, &sends)
         });
         let main = std::thread::spawn(move || assert_eq!(supervisor.run().unwrap(), ExitCode::SUCCESS));
         Self { folder, sends, stop, threads: vec![bus, main] }
@@ -105,9 +111,9 @@ impl Drop for Daemon {
 }
 
 /// Sends the arm's frames in their time; the bus ends with this.
-fn play(sender: &ChannelSender, stop: &AtomicBool, sends: &AtomicBool) {
+fn play(arm: Simulator, sender: &ChannelSender, stop: &AtomicBool, sends: &AtomicBool) {
     let begun_ns = SystemClock.now().realtime_ns;
-    for mut frame in holding(&rig(PublishMode::Event), RATE_HZ, LOAD) {
+    for mut frame in arm {
         frame.stamp_ns += begun_ns - sim::START_NS;
         let wait_ns = frame.stamp_ns - SystemClock.now().realtime_ns;
         std::thread::sleep(Duration::from_nanos(u64::try_from(wait_ns).unwrap_or(0)));

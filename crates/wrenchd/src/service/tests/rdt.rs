@@ -128,6 +128,22 @@ fn a_bias_tares_while_the_stream_goes_on() {
     assert!(first > 3.0 && last < 0.2, "{first} N, then {last} N");
 }
 
+/// Whoever sends biases can send many: those asked during a tare are not kept for later.
+#[test]
+fn a_flood_of_biases_leaves_nothing_behind() {
+    let Served { rdt, daemon, .. } = serving("");
+    let client = Client::new(rdt);
+    client.ask(2, 0);
+    (0..2000).for_each(|_| client.ask(0x42, 0));
+    wait_for("a tare", || client.hear().is_some_and(|record| force_n(&record) < 0.2));
+    // The flood has ended: what is untared now stays so, whoever waits.
+    let answer = super::control_line(&daemon, r#"{"command":"untare"}"#);
+    assert!(answer.contains("\"ok\":true"), "{answer}");
+    wait_for("the load again", || client.hear().is_some_and(|record| force_n(&record) > 3.0));
+    let after = client.all(RATE_HZ as usize * 3);
+    assert!(after.iter().all(|record| force_n(record) > 3.0), "tared again by itself");
+}
+
 #[test]
 fn without_a_wrench_the_last_counts_come_with_the_one_status() {
     let Served { daemon, rdt, .. } = serving("");

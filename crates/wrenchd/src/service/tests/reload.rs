@@ -53,7 +53,7 @@ async fn a_bad_model_changes_nothing_and_a_good_one_is_taken_on() {
     daemon.reload().unwrap_err();
     let last = published(&mut daemon, &sender, &mut arm);
     assert!((force_n(&last) / weight_n - 1.0).abs() < 0.05, "the old model goes on");
-    // A model of the same arm with other biases gives another wrench: it was really exchanged.
+    // A model of the same arm with other biases shows that it was really exchanged.
     let (robot, mut shifted) = (rig(PublishMode::Event), truth(&rig(PublishMode::Event)));
     for gauge in &mut shifted.gauges {
         gauge.bias_counts += 3e6;
@@ -68,10 +68,9 @@ async fn a_bad_model_changes_nothing_and_a_good_one_is_taken_on() {
     }
     let next = published(&mut daemon, &sender, &mut arm);
     assert!(next[0].sequence > last[last.len() - 1].sequence, "the sequence counts on");
-    let forces: Vec<f64> = next.iter().filter_map(|r| Some(r.outcome.ok()?.wrench.force_n.norm())).collect();
-    // The first instants after a start are uncertain by themselves; then the biases tell.
-    let far = forces.iter().skip(50).filter(|force_n| (*force_n / weight_n - 1.0).abs() > 0.5).count();
-    assert!(far > 40 && far == forces.len() - 50, "{far} of {} show the other biases", forces.len());
+    // The other biases contradict what the gauges say: nothing of it is published as a wrench that is good.
+    let last = next.last().unwrap();
+    assert!(next.len() > 50 && next.iter().all(|r| r.status != rig::Status::GOOD), "{last:?}");
     let Supervisor { runner, health, .. } = daemon;
     runner.stop().unwrap();
     assert_eq!(health.totals().lost_frames, 0);

@@ -1,0 +1,70 @@
+//! How far the gap shrinks once effect and place are known: the yardstick of a benchmark, on the folds of a diagnosis.
+
+use crate::attribute::{Chosen, Subsets};
+use crate::bootstrap::Bootstrap;
+use crate::candidates::Candidates;
+use crate::effects::{CATALOGUE, Place, by_id};
+use crate::folds;
+use crate::library::{Library, TermId};
+use crate::location;
+use crate::measure::Measure;
+use crate::select::Search;
+use crate::session::Session;
+
+/// Rounds in which every effect takes its best shape beside the others.
+const ROUNDS: usize = 2;
+
+/// Share of the reducible gap that goes away with these effects at these places, their parameters fitted on the same folds as in
+/// [`crate::diagnose`]; none where they do not show in this data.
+#[must_use]
+pub fn oracle(session: &Session, put_in: &[(&str, Place)]) -> Option<f64> {
+    let sites: Vec<(usize, Place)> =
+        put_in.iter().map(|(id, place)| Some((by_id(id)?, *place))).collect::<Option<_>>()?;
+    let mut library = Library::new(session);
+    let candidates = Candidates::at(&mut library, &sites);
+    let bootstrap = Bootstrap::new(session.blocks());
+    let mut chosen = Vec::new();
+    let all: Vec<usize> = (0..session.blocks()).collect();
+    let main = given(&mut library, &candidates, &bootstrap, &all);
+    for fold in folds::outer(&session.hold_out) {
+        let own = given(&mut library, &candidates, &bootstrap, &fold.fit);
+        // A limit that is not reached without the left-out unit is taken from all data, as in a diagnosis.
+        let seen = |(own, main): (TermId, &TermId)| if library.shows(*main, &fold.fit) { own } else { *main };
+        let terms: Vec<TermId> = own.into_iter().zip(&main).map(seen).collect();
+        library.prepare(&terms, &terms);
+        chosen.push(Chosen { fold, terms });
+    }
+    if chosen.iter().any(|part| part.terms.is_empty()) {
+        return None;
+    }
+    let effects: Vec<usize> =
+        (0..CATALOGUE.len()).filter(|k| sites.iter().any(|site| site.0 == *k)).collect();
+    let subsets = Subsets::new(&library, &chosen, &effects);
+    let located = location::locate(&library, &chosen);
+    let measure = Measure::new(&library, &subsets, &chosen, &located.floors, &bootstrap);
+    measure.removed_share()
+}
+
+/// Every candidate at its place, as these blocks ask for it.
+fn given(
+    library: &mut Library<'_>,
+    candidates: &Candidates,
+    bootstrap: &Bootstrap,
+    blocks: &[usize],
+) -> Vec<TermId> {
+    let training = folds::training(&library.session.hold_out, blocks, 0.0);
+    Search { library, candidates, training: &training, bootstrap }.given(ROUNDS)
+}
+
+impl Search<'_, '_, '_> {
+    /// Every candidate at its place, with its best shape.
+    fn given(&mut self, rounds: usize) -> Vec<TermId> {
+        let mut terms: Vec<TermId> = self.candidates.iter().map(|(_, shapes)| shapes[0]).collect();
+        for _ in 0..rounds {
+            let choice = self.choice(terms);
+            terms = self.better_shapes(choice).terms;
+            terms = crate::refine::refine(self.library, self.candidates, &terms, 0, &self.training.blocks);
+        }
+        terms
+    }
+}

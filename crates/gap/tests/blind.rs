@@ -1,0 +1,73 @@
+//! A small blind benchmark, so that a diagnosis that got worse is noticed: one arm, what is in the sessions drawn from a seed. The whole
+//! of it is `cargo run --release -p wrenchd-gap --example blind`, whose generator this is.
+#![allow(dead_code, reason = "the benchmark's tables are not printed here")]
+#![allow(clippy::unwrap_used, reason = "a test may fail")]
+
+#[path = "../examples/blind/arms.rs"]
+mod arms;
+#[path = "../examples/blind/plan.rs"]
+mod plan;
+#[path = "../examples/blind/random.rs"]
+mod random;
+#[path = "../examples/blind/score.rs"]
+mod score;
+#[path = "../examples/blind/session.rs"]
+mod session;
+
+use arms::Arm;
+use plan::{Case, Question};
+use score::Outcome;
+use sim::effects::Kind;
+
+type Error = Box<dyn std::error::Error + Send + Sync>;
+type Result<T> = std::result::Result<T, Error>;
+
+const SEED: u64 = 31;
+/// Effects in noise floors.
+const SIZE: f64 = 3.0;
+const INSIDE: [Kind; 7] = [
+    Kind::Gain,
+    Kind::ChannelCoupling,
+    Kind::MainsPickup,
+    Kind::TorqueRipple,
+    Kind::Friction,
+    Kind::Lowpass,
+    Kind::BaseTilt,
+];
+const OUTSIDE: [Kind; 2] = [Kind::ZeroJumps, Kind::GainWalk];
+
+fn cases() -> Vec<Case> {
+    let case =
+        |(question, put_in): (Question, Vec<(Kind, f64)>), seed| Case { question, put_in, arm: 0, seed };
+    let nulls = (0..2).map(|_| (Question::Null, Vec::new()));
+    let singles =
+        INSIDE.map(|kind| (Question::Single { size: SIZE, withheld: false }, vec![(kind, SIZE)])).into_iter();
+    let outside = OUTSIDE.map(|kind| (Question::Outside { size: SIZE }, vec![(kind, SIZE)])).into_iter();
+    nulls.chain(singles).chain(outside).zip(SEED..).map(|(what, seed)| case(what, seed)).collect()
+}
+
+#[test]
+fn what_was_put_in_is_found_nothing_is_found_in_nothing_and_what_is_unknown_is_not_asserted() {
+    let arm = Arm::new(SEED).unwrap();
+    let cases = cases();
+    let (even, odd): (Vec<_>, Vec<_>) = cases.iter().enumerate().partition(|(k, _)| k % 2 == 0);
+    let run = |own: Vec<(usize, &Case)>| -> Vec<Outcome> {
+        own.into_iter().map(|(_, case)| score::run(case, &arm).unwrap()).collect()
+    };
+    let outcomes: Vec<Outcome> = std::thread::scope(|scope| {
+        let other = scope.spawn(|| run(odd));
+        run(even).into_iter().chain(other.join().unwrap()).collect()
+    });
+    let lines: Vec<&str> = outcomes.iter().map(|outcome| outcome.line.as_str()).collect();
+    let all = lines.join("\n");
+    let of = |question: fn(&Question) -> bool| outcomes.iter().filter(move |o| question(&o.case.question));
+
+    assert!(of(|q| *q == Question::Null).all(|o| o.findings.is_empty()), "a cause of nothing:\n{all}");
+    let right = of(|q| matches!(q, Question::Single { .. })).filter(|o| o.is_first_placed).count();
+    assert!(right + 1 >= INSIDE.len(), "{right} of {} at their place:\n{all}", INSIDE.len());
+    let is_sure = |o: &Outcome| o.findings.iter().any(|f| f.is_alone() && f.confidence >= score::CONFIDENT);
+    assert!(
+        !of(|q| matches!(q, Question::Outside { .. })).any(is_sure),
+        "sure of what it cannot know:\n{all}"
+    );
+}

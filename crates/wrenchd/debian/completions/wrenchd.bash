@@ -1,0 +1,2 @@
+# The program says it itself.
+source <(wrenchctl completions bash wrenchd)

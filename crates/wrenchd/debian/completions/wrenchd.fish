@@ -1,0 +1,2 @@
+# The program says it itself.
+wrenchctl completions fish wrenchd | source
