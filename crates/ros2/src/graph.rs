@@ -19,6 +19,9 @@ const QOS: &str = "::,10:,:,:,,";
 /// Where rmw_zenoh's router is unless told.
 const ROUTER: &str = "tcp/localhost:7447";
 const GID_BYTES: usize = 16;
+/// How long a message waits for a subscriber that is slow before it is dropped, us: a machine that stands still for a moment loses none, and none
+/// gets old. (zenoh's own default, a thousandth of a second, lost some on a busy machine.)
+const PATIENCE_US: &str = "100000";
 
 /// A node in the graph of one domain.
 pub(crate) struct Node {
@@ -49,6 +52,7 @@ fn configuration(endpoint: Option<&str>) -> zenoh::Result<Config> {
         ("listen/endpoints", "[\"tcp/localhost:0\"]"),
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "true"),
+        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", PATIENCE_US),
     ] {
         config.insert_json5(key, value)?;
     }

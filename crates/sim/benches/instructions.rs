@@ -11,7 +11,6 @@ use can::assembly::Assembler;
 use can::candump::{Line, MAX_LINE, StampDigits, format_line, parse_line};
 use can::frame::Stamped;
 use rig::cycle::Cycle;
-use rig::model_file::{Encoder, ModelFile, Provenance, Sensor};
 use rig::{Config, Rig};
 use wrenchd_sim::{Options, Preset, START_NS, Simulator, Truth};
 
@@ -128,7 +127,7 @@ fn assemble(rig: &Rig, frames: &[Stamped]) -> Outcome<usize> {
 }
 
 fn tick(rig: &Rig, truth: &Truth, frames: &[Stamped]) -> Outcome<usize> {
-    let mut cycle = Cycle::new(rig, &known(rig, truth))?;
+    let mut cycle = Cycle::new(rig, &truth.known(rig))?;
     let mut rounds = 0;
     for frame in frames {
         cycle.push(frame, |estimate| {
@@ -137,32 +136,4 @@ fn tick(rig: &Rig, truth: &Truth, frames: &[Stamped]) -> Outcome<usize> {
         });
     }
     Ok(rounds)
-}
-
-/// What a perfect calibration would have found.
-fn known(rig: &Rig, truth: &Truth) -> ModelFile {
-    let sensors = rig.config.sensors.iter().zip(&truth.gauges).map(|(sensor, gauge)| Sensor {
-        bias_counts: gauge.bias_counts,
-        ..Sensor::known(&sensor.name, &sensor.section, &gauge.compliance, gauge.noise.sigma_counts)
-    });
-    let names = rig.chain.coordinate_names();
-    let joints = names.into_iter().zip(&truth.encoders).map(|(name, encoder)| Encoder {
-        name: name.to_owned(),
-        position_sigma_rad: encoder.position_sigma_rad,
-        velocity_sigma_rad_s: None,
-    });
-    ModelFile {
-        format: 1,
-        provenance: Provenance {
-            tool: "a benchmark".into(),
-            date: "2026-01-01".into(),
-            axes: "full".into(),
-            samples: 1,
-            inputs: Vec::new(),
-        },
-        joints: joints.collect(),
-        arm: None,
-        sensors: sensors.collect(),
-        fingerprint: rig.fingerprint().clone(),
-    }
 }

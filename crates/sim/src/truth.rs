@@ -6,7 +6,8 @@ use model::sensing::{ActualFrame, CHARACTERISTIC_LENGTH_M, Compliance};
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand::rngs::StdRng;
-use rig::{ModelFile, Rig};
+use rig::Rig;
+use rig::model_file::{Encoder, ModelFile, Provenance, Sensor};
 
 use crate::SimError;
 use crate::effects::Effects;
@@ -94,6 +95,37 @@ impl TrueGauge {
 }
 
 impl Truth {
+    /// What a perfect calibration of these gauges would have found: their true compliances, biases and noise, without an arm that is not as declared.
+    #[must_use]
+    pub fn known(&self, rig: &Rig) -> ModelFile {
+        let sensors = rig.config.sensors.iter().zip(&self.gauges).map(|(sensor, gauge)| Sensor {
+            bias_counts: gauge.bias_counts,
+            noise_slow_share: gauge.noise.slow_share,
+            noise_slow_time_s: gauge.noise.slow_time_s,
+            ..Sensor::known(&sensor.name, &sensor.section, &gauge.compliance, gauge.noise.sigma_counts)
+        });
+        let names = rig.chain.coordinate_names();
+        let joints = names.into_iter().zip(&self.encoders).map(|(name, encoder)| Encoder {
+            name: name.to_owned(),
+            position_sigma_rad: encoder.position_sigma_rad,
+            velocity_sigma_rad_s: None,
+        });
+        ModelFile {
+            format: 1,
+            provenance: Provenance {
+                tool: "the simulator".into(),
+                date: "2026-01-01".into(),
+                axes: "full".into(),
+                samples: 1,
+                inputs: Vec::new(),
+            },
+            joints: joints.collect(),
+            arm: None,
+            sensors: sensors.collect(),
+            fingerprint: rig.fingerprint().clone(),
+        }
+    }
+
     /// Gauges with crosstalk as cheap ones have it, for the sensors of a configuration; pitch up to `pitch_max_m` (m).
     ///
     /// Scales, biases and noise shrink with the signal's range, where that is smaller than 24 bits.

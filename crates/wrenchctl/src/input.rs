@@ -2,7 +2,8 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
 use can::candump::{Interfaces, LogReader, ReadAhead};
 use can::source::{Batch, Poll, Source};
@@ -13,6 +14,8 @@ use crate::{Error, live};
 
 /// How long a live poll waits, so that Ctrl-C and time limits are noticed.
 const PATIENCE: Duration = Duration::from_millis(100);
+/// Most events at a time.
+const BATCH: usize = 256;
 
 /// Where frames come from.
 pub struct Input {
@@ -61,8 +64,26 @@ impl Input {
         }
     }
 
+    /// Hands on batches of events until the end, until `each` says no, after `limit` of a live input, or at Ctrl-C.
+    pub fn follow(
+        &mut self,
+        limit: Option<Duration>,
+        mut each: impl FnMut(&Self, &Batch) -> Result<bool, Error>,
+    ) -> Result<(), Error> {
+        let interrupted = live::interrupted();
+        let started = Instant::now();
+        let mut batch = Batch::new(BATCH);
+        while !interrupted.load(Ordering::Relaxed) {
+            let over = self.is_live() && limit.is_some_and(|limit| started.elapsed() >= limit);
+            if over || self.poll(&mut batch)? == Poll::End || !each(self, &batch)? {
+                break;
+            }
+        }
+        Ok(())
+    }
+
     /// The next events; a live input comes back at least every 0.1 s.
-    pub fn poll(&mut self, batch: &mut Batch) -> Result<Poll, Error> {
+    fn poll(&mut self, batch: &mut Batch) -> Result<Poll, Error> {
         Ok(match &mut self.kind {
             Kind::Live { source, .. } => source.poll(batch, PATIENCE)?,
             Kind::Log { log, bar } => {

@@ -9,7 +9,6 @@ use can::frame::{Frame, Stamped};
 use can::socket::SocketSender;
 use can::source::{Batch, Event, Poll, Source};
 use rig::Rig;
-use rig::model_file::{Encoder, ModelFile, Provenance, Sensor};
 use sim::motion::{MotionLimits, Sine, Sines};
 use sim::{Options, Scenario as Motion, Simulator, Trajectory, Truth};
 use std::collections::{BTreeMap, VecDeque};
@@ -113,7 +112,7 @@ impl Arm {
         fs::write(&config, arm + &outputs).at("write", &config)?;
         let rig = Rig::load_file(&config)?;
         let truth = Truth::draw(&rig, 7, 0.0);
-        fs::write(&model, known(&rig, &truth).to_toml()).at("write", &model)?;
+        fs::write(&model, truth.known(&rig).to_toml()).at("write", &model)?;
         Ok(Self { rig, config, model, socket, truth })
     }
 
@@ -130,36 +129,6 @@ impl Arm {
         let motion = Motion::of_motion(trajectory).with_load(0.4, [0.01, 0.0, 0.05])?;
         let options = Options { rate_hz: Some(RATE_HZ), ..Options::default() };
         Ok(Simulator::new(&self.rig, self.truth.clone(), &motion, options)?)
-    }
-}
-
-/// What a perfect calibration would have found.
-fn known(rig: &Rig, truth: &Truth) -> ModelFile {
-    let sensors = rig.config.sensors.iter().zip(&truth.gauges).map(|(sensor, gauge)| Sensor {
-        bias_counts: gauge.bias_counts,
-        noise_slow_share: gauge.noise.slow_share,
-        noise_slow_time_s: gauge.noise.slow_time_s,
-        ..Sensor::known(&sensor.name, &sensor.section, &gauge.compliance, gauge.noise.sigma_counts)
-    });
-    let names = rig.chain.coordinate_names();
-    let joints = names.into_iter().zip(&truth.encoders).map(|(name, encoder)| Encoder {
-        name: name.to_owned(),
-        position_sigma_rad: encoder.position_sigma_rad,
-        velocity_sigma_rad_s: None,
-    });
-    ModelFile {
-        format: 1,
-        provenance: Provenance {
-            tool: "a test".into(),
-            date: "2026-01-01".into(),
-            axes: "full".into(),
-            samples: 1,
-            inputs: Vec::new(),
-        },
-        joints: joints.collect(),
-        arm: None,
-        sensors: sensors.collect(),
-        fingerprint: rig.fingerprint().clone(),
     }
 }
 

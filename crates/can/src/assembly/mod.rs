@@ -204,7 +204,10 @@ impl Assembler {
             self.take_after_round(ended, last, stamp_ns);
             return;
         }
-        if self.cycles.place().is_none() && self.is_astray(first, again, stamp_ns) {
+        let held_back = !again && missed && ended > 0;
+        if self.cycles.place().is_none()
+            && (self.is_astray(first, again, stamp_ns) || held_back && self.is_held_back(first, stamp_ns))
+        {
             self.leave_out(again);
             return;
         }
@@ -243,6 +246,12 @@ impl Assembler {
             return self.rhythm.is_soon(&self.streams[first], stamp_ns);
         }
         self.cycles.count() && begins() && self.rhythm.is_astray(first, &self.streams, stamp_ns)
+    }
+
+    /// Whether the frame at hand, whose cycle nobody counted, may be of the round before, which missed it
+    fn is_held_back(&mut self, first: usize, stamp_ns: i64) -> bool {
+        let early = self.open && self.rhythm.comes_early(first, &self.streams, self.round, stamp_ns);
+        early && self.streams[first].hold_back(self.round)
     }
 
     /// Leaves the frame at hand out; where it is the second of its message in a round the first may be the wrong one, too

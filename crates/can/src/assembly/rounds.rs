@@ -39,6 +39,8 @@ pub(super) struct Stream {
     wrong_length_round: Option<u64>,
     /// Last round in which two of its frames came and only one can be right
     doubted_round: Option<u64>,
+    /// Last round in which its frame seemed to be the round's before
+    held_back_round: Option<u64>,
     /// Whether the frame at hand belongs to it
     pub(super) hit: bool,
     stamp_ns: Option<i64>,
@@ -63,6 +65,7 @@ impl Stream {
             repeated_round: None,
             wrong_length_round: None,
             doubted_round: None,
+            held_back_round: None,
             hit: false,
             stamp_ns: None,
             phase_ns: None,
@@ -101,6 +104,12 @@ impl Stream {
     /// Another frame of it came in this round
     pub(super) fn doubt(&mut self, round: u64) {
         self.doubted_round = Some(round);
+    }
+
+    /// Its frame seems to be the last round's; two rounds in a row it is not believed to be, for then its place has changed
+    pub(super) fn hold_back(&mut self, round: u64) -> bool {
+        let before = self.held_back_round.replace(round);
+        before.is_none_or(|before| before + 1 < round)
     }
 
     /// Whether two frames of it came in this round and only one can be right
@@ -277,6 +286,21 @@ impl Rhythm {
         self.in_step() && !in_place && (0..streams.len()).any(|other| self.order.usual(other, number))
     }
 
+    /// Whether a frame comes before its place in the open round, or before others that usually come before it
+    pub(super) fn comes_early(&self, number: usize, streams: &[Stream], round: u64, stamp_ns: i64) -> bool {
+        let awaited = |other: &Stream| !other.arrived && other.due(round);
+        let overtakes =
+            || (0..streams.len()).any(|other| self.order.usual(other, number) && awaited(&streams[other]));
+        let place = streams[number].phase_ns.zip(self.origin_ns).map(|(phase, origin)| phase + origin);
+        let before = |place: i64| ((place - stamp_ns) as f64) > self.scatters_up_to_ns();
+        self.in_step() && place.is_some_and(before) || overtakes()
+    }
+
+    /// How far frames usually are from their places, ns
+    fn scatters_up_to_ns(&self) -> f64 {
+        3.0 * self.jitter_ns + self.period_ns.map_or(f64::MAX, |period| period / 100.0)
+    }
+
     /// Whether a frame that came late for the open round belongs to it all the same: it follows those that have come, and is not in
     /// its place in a later cycle either. So the sender paused; frames that are lost leave the others in their places.
     pub(super) fn paused(&self, number: usize, streams: &[Stream], stamp_ns: i64) -> bool {
@@ -357,13 +381,13 @@ impl Rhythm {
         self.largest_gap_ns = self.largest_gap_ns.max(stamp_ns - self.last_ns);
         self.last_ns = self.last_ns.max(stamp_ns);
         stream.behind = 0;
+        let bound = self.scatters_up_to_ns();
         let Some(origin) = self.origin_ns else { return };
         let place = stamp_ns - origin;
         match &mut stream.phase_ns {
             None => stream.phase_ns = Some(place),
             // A pause of the sender, or the burst after it, says nothing about where frames usually are.
             Some(phase) if self.frames > 1 && self.in_time && self.resumed_ns.is_none() => {
-                let bound = 3.0 * self.jitter_ns + self.period_ns.map_or(f64::MAX, |period| period / 100.0);
                 let error = ((place - *phase) as f64).clamp(-bound, bound);
                 *phase += (error / 16.0) as i64;
                 self.jitter_ns += (error.abs() - self.jitter_ns) / 16.0;

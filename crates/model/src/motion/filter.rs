@@ -41,6 +41,9 @@ fn moved_rad(jump_rad: f64) -> f64 {
 /// A reading farther from what is expected than this, in standard deviations of the mixture, is believed when the next one bears it out.
 const UNPROVEN_SIGMA: f64 = 6.0;
 
+/// The same for the first reading after others stayed away: it may be one of those, held back by itself.
+const UNPROVEN_AFTER_A_GAP_SIGMA: f64 = 2.5;
+
 /// Kalman filters side by side, and how much each is believed.
 #[derive(Clone, Copy, Debug)]
 struct Bank {
@@ -69,6 +72,8 @@ pub struct MotionFilter {
     without: Option<Bank>,
     encoder_variance_rad2: f64,
     last: Option<Sampled>,
+    /// From the reading before the last one to the last, s.
+    step_s: f64,
     /// Readings since the start, up to as many as are needed.
     readings: u8,
     needed: u8,
@@ -91,6 +96,7 @@ impl MotionFilter {
             without: None,
             encoder_variance_rad2: variance,
             last: None,
+            step_s: 0.0,
             readings: 0,
             needed: NEEDED,
             passed_over: false,
@@ -124,6 +130,9 @@ impl MotionFilter {
         }
         self.choose(position_rad, jitter_s);
         let since_s = self.last.map_or(0.0, |last| (at.at_ns - last.at_ns) as f64 * 1e-9);
+        let unproven_sigma =
+            if since_s > 1.5 * self.step_s { UNPROVEN_AFTER_A_GAP_SIGMA } else { UNPROVEN_SIGMA };
+        self.step_s = since_s;
         self.last = Some(at);
         if self.is_back(position_rad) {
             self.doubt_rad = self.before_jump.1;
@@ -140,7 +149,8 @@ impl MotionFilter {
         self.readings = (self.readings + 1).min(self.needed);
         let variance = self.encoder_variance_rad2;
         if self.readings == self.needed {
-            self.without = (!self.bank.expects(position_rad, variance, jitter_s)).then_some(self.bank);
+            let off_sigma = self.bank.off_sigma(position_rad, variance, jitter_s);
+            self.without = (off_sigma > unproven_sigma).then_some(self.bank);
         }
         self.bank.measure(|state| state.measure_position(position_rad, variance, jitter_s));
         fate
@@ -273,9 +283,10 @@ impl Bank {
         (position_rad - state.mean[0], state.covariance[(0, 0)] + variance_rad2 + smear_rad * smear_rad)
     }
 
-    fn expects(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64) -> bool {
+    /// How far a position is from what the filters together expect, standard deviations.
+    fn off_sigma(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64) -> f64 {
         let (off_rad, variance_rad2) = self.innovation(position_rad, variance_rad2, jitter_s);
-        off_rad * off_rad <= UNPROVEN_SIGMA.powi(2) * variance_rad2
+        off_rad.abs() / variance_rad2.sqrt()
     }
 
     fn likelihood_ln(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64) -> f64 {

@@ -45,6 +45,8 @@ pub(super) struct Rhythm {
     early_in_a_row: u32,
     /// Cycles that passed without a round, nobody knows whether lost or still to come in a burst.
     owed: u32,
+    /// What was kept back during a silence is still coming: each round is less late than the one before.
+    catching_up: bool,
 }
 
 /// What passed since the round before, in cycles: on the stamps' grid, by the boards, and the doubt about the latter.
@@ -74,15 +76,23 @@ impl Rhythm {
             late: 0,
             early_in_a_row: 0,
             owed: 0,
+            catching_up: false,
         }
     }
 
-    /// With a period that is known from before: only the phase is to be found.
-    pub(super) fn again(period_s: f64, intervals: &mut [f64]) -> Self {
-        let mut rhythm = Self::new(period_s, intervals);
-        rhythm.period2 = (PERIOD_SIGMA * period_s).powi(2);
-        rhythm.both = 0.0;
-        rhythm
+    /// With period and scatter that are known from before: only the phase is to be found.
+    pub(super) fn again(former: &Self) -> Self {
+        Self {
+            late_s: 0.0,
+            instant2: former.scatter2,
+            both: 0.0,
+            period2: (PERIOD_SIGMA * former.period_s).powi(2),
+            late: 0,
+            early_in_a_row: 0,
+            owed: 0,
+            catching_up: true,
+            ..former.clone()
+        }
     }
 
     pub(super) fn period_s(&self) -> f64 {
@@ -102,10 +112,11 @@ impl Rhythm {
         let before_s = self.late_s;
         let late_s = before_s + interval_s - passed.on_grid * self.period_s;
         let limit_s = CLIP_SIGMA * (self.instant2 + self.scatter2).sqrt();
+        self.catching_up &= late_s < -limit_s;
         // The sender was delayed, or the boards themselves paused: half of either.
         let doubt_s = if late_s > limit_s {
             0.5 * (late_s - before_s.max(0.0)).max(0.0)
-        } else if late_s < -limit_s {
+        } else if late_s < -limit_s && !self.catching_up {
             0.5 * (late_s - before_s.min(0.0)).abs()
         } else {
             0.0
@@ -121,8 +132,11 @@ impl Rhythm {
         } else if late_s <= limit_s {
             self.late = self.late.saturating_sub(1);
         }
-        self.early_in_a_row = if late_s < -limit_s { self.early_in_a_row + 1 } else { 0 };
-        self.learn_scatter(late_s.clamp(-limit_s, limit_s));
+        let early = late_s < -limit_s && !self.catching_up;
+        self.early_in_a_row = if early { self.early_in_a_row + 1 } else { 0 };
+        if !self.catching_up {
+            self.learn_scatter(late_s.clamp(-limit_s, limit_s));
+        }
         self.late_s = late_s;
         if late_s < -limit_s {
             self.set_phase();

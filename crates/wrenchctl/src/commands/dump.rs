@@ -2,16 +2,15 @@
 
 use std::io::Write;
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use can::candump::{MAX_LINE, StampDigits, format_line};
 use can::frame::{CanId, Stamped};
-use can::source::{Batch, Event, Poll};
+use can::source::Event;
 
 use crate::decoded::Decoder;
 use crate::input::Input;
-use crate::{Error, Outcome, live, output};
+use crate::{Error, Outcome, output};
 
 /// Malformed lines that are told one by one; more are only counted.
 const FAULTS_TOLD: u64 = 5;
@@ -71,23 +70,15 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     let left = args.count.unwrap_or(u64::MAX);
     let mut dump = Dump { decoder, ids, left, frames: 0, faults: 0, drops: 0, line: String::new() };
     let mut out = output::stdout();
-    let interrupted = live::interrupted();
-    let started = Instant::now();
-    let mut batch = Batch::new(256);
-    while dump.left > 0 && !interrupted.load(Ordering::Relaxed) {
-        if input.is_live() && args.seconds.is_some_and(|limit| started.elapsed() >= limit) {
-            break;
-        }
-        if input.poll(&mut batch)? == Poll::End {
-            break;
-        }
-        for event in &batch {
-            dump.event(event, &input, &mut out)?;
+    input.follow(args.seconds, |input, batch| {
+        for event in batch {
+            dump.event(event, input, &mut out)?;
         }
         if input.is_live() {
             out.flush()?;
         }
-    }
+        Ok(dump.left > 0)
+    })?;
     out.flush()?;
     if dump.frames == 0 && dump.faults > 0 {
         return Err(super::no_log(&args.input, dump.faults));

@@ -7,20 +7,19 @@
 use std::collections::BTreeMap;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ::mcap::records::MessageHeader;
 use ::mcap::{McapError, WriteOptions, Writer};
 use can::atomic::AtomicFile;
 use can::frame::{Flags, Stamped};
-use can::source::{Batch, Event, Poll};
+use can::source::Event;
 use rig::cycle::{Cycle, Estimate};
 use rig::{ModelFile, Rig, Status};
 use ros::{CanFrame, Diagnostic, DiagnosticArray, Level, Message, Stamp, WrenchStamped};
 
 use crate::input::Input;
-use crate::{Error, Outcome, live, output};
+use crate::{Error, Outcome, output};
 
 /// What to write.
 #[derive(clap::Args, Debug)]
@@ -68,28 +67,19 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     let mut input = Input::open(&args.input)?;
     let mut recorder = Recorder::new(AtomicFile::create(&args.out)?, rig.config.robot.tip.clone())
         .map_err(|error| broken(&args.out, &error))?;
-    let interrupted = live::interrupted();
-    let started = Instant::now();
-    let mut batch = Batch::new(256);
-    while !interrupted.load(Ordering::Relaxed) {
-        if input.is_live() && args.seconds.is_some_and(|limit| started.elapsed() >= limit) {
-            break;
-        }
-        if input.poll(&mut batch)? == Poll::End {
-            break;
-        }
-        for event in &batch {
+    input.follow(args.seconds, |input, batch| {
+        for event in batch {
             let (Event::Frame(stamped) | Event::BusError { stamped, .. }) = event else { continue };
-            recorder
-                .frame(input.interface(stamped.interface), stamped)
-                .map_err(|error| broken(&args.out, &error))?;
-            let mut failed = None;
-            cycle.push(stamped, |estimate| failed = failed.take().or(recorder.estimate(estimate).err()));
-            if let Some(error) = failed {
-                return Err(broken(&args.out, &error));
-            }
+            let mut written = recorder.frame(input.interface(stamped.interface), stamped);
+            cycle.push(stamped, |estimate| {
+                if written.is_ok() {
+                    written = recorder.estimate(estimate);
+                }
+            });
+            written.map_err(|error| broken(&args.out, &error))?;
         }
-    }
+        Ok(true)
+    })?;
     let said = recorder.finish(&args.out)?;
     let mut out = output::stdout();
     writeln!(out, "{}: {said}", args.out.display())?;

@@ -9,7 +9,7 @@ use std::time::Duration;
 use can::frame::Stamped;
 use can::source::{Batch, Event, Poll, Source};
 use rig::config::{Filter, PublishMode};
-use rig::model_file::{Encoder, ModelFile, Provenance, Sensor};
+use rig::model_file::ModelFile;
 use rig::{Config, Rig};
 use sim::{Options, Preset, Scenario, Simulator, Trajectory, Truth};
 use wrenchd::engine::Now;
@@ -39,32 +39,7 @@ pub fn truth(rig: &Rig) -> Truth {
 
 /// What a perfect calibration would have found.
 pub fn model(rig: &Rig, truth: &Truth) -> ModelFile {
-    let sensors = rig.config.sensors.iter().zip(&truth.gauges).map(|(sensor, gauge)| Sensor {
-        bias_counts: gauge.bias_counts,
-        noise_slow_share: gauge.noise.slow_share,
-        noise_slow_time_s: gauge.noise.slow_time_s,
-        ..Sensor::known(&sensor.name, &sensor.section, &gauge.compliance, gauge.noise.sigma_counts)
-    });
-    let joints =
-        rig.chain.coordinate_names().into_iter().zip(&truth.encoders).map(|(name, encoder)| Encoder {
-            name: name.to_owned(),
-            position_sigma_rad: encoder.position_sigma_rad,
-            velocity_sigma_rad_s: None,
-        });
-    ModelFile {
-        format: 1,
-        provenance: Provenance {
-            tool: "a test".into(),
-            date: "2026-01-01".into(),
-            axes: "full".into(),
-            samples: 1,
-            inputs: Vec::new(),
-        },
-        joints: joints.collect(),
-        arm: None,
-        sensors: sensors.collect(),
-        fingerprint: rig.fingerprint().clone(),
-    }
+    truth.known(rig)
 }
 
 /// The simulated arm holding a pose with a weight at its tip.

@@ -40,32 +40,35 @@ type Timed = (Stamped, i64);
 type Fault = Box<dyn Fn(Vec<Timed>, u64) -> Vec<Timed>>;
 
 /// Frames of a list as a source, so that the product's own fault injector can break them.
-struct Listed(std::vec::IntoIter<Timed>);
+struct Listed(std::vec::IntoIter<Stamped>);
 
 impl Source for Listed {
     fn poll(&mut self, batch: &mut Batch, _timeout: Duration) -> can::Result<Poll> {
         batch.clear();
         while batch.room() > 0 {
-            let Some((frame, _)) = self.0.next() else { break };
+            let Some(frame) = self.0.next() else { break };
             batch.push(Event::received(frame));
         }
         Ok(if batch.is_empty() { Poll::End } else { Poll::Ready })
     }
 }
 
+/// What the product's injector makes of frames.
+pub(crate) fn broken(frames: Vec<Stamped>, faults: Faults, seed: u64) -> Vec<Stamped> {
+    let mut injector = FaultInjector::new(Listed(frames.into_iter()), faults, seed);
+    let (mut batch, mut out) = (Batch::new(64), Vec::new());
+    while injector.poll(&mut batch, Duration::ZERO).unwrap() != Poll::End {
+        out.extend(batch.events().iter().filter_map(Event::stamped).copied());
+    }
+    out
+}
+
 /// Faults of the bus by the product's injector.
 fn bus(faults: Faults) -> Fault {
     Box::new(move |frames, seed| {
-        let mut injector = FaultInjector::new(Listed(frames.into_iter()), faults, seed);
-        let (mut batch, mut out) = (Batch::new(64), Vec::new());
-        while injector.poll(&mut batch, Duration::ZERO).unwrap() != Poll::End {
-            for event in batch.events() {
-                if let Event::Frame(frame) = event {
-                    out.push((*frame, frame.stamp_ns - sim::START_NS));
-                }
-            }
-        }
-        out
+        let frames = frames.into_iter().map(|(frame, _)| frame).collect();
+        let broken = broken(frames, faults, seed).into_iter();
+        broken.map(|frame| (frame, frame.stamp_ns - sim::START_NS)).collect()
     })
 }
 

@@ -7,4 +7,5 @@ mod gauge;
 mod grid;
 mod isolation;
 mod long_run;
+mod soak;
 mod start;

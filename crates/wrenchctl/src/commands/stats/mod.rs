@@ -7,17 +7,16 @@ mod report;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use can::frame::{CanId, Flags, Stamped};
-use can::source::{Batch, Event, Poll};
+use can::source::Event;
 use rig::binding::{BitRates, classical_bits, fd_bits};
 
 use crate::commands::check::RateArgs;
 use crate::decoded::Decoder;
 use crate::input::Input;
-use crate::{Error, Outcome, live, output};
+use crate::{Error, Outcome, output};
 use flow::Flow;
 
 /// Identifiers that are told apart; frames of more are counted together.
@@ -51,20 +50,12 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     let decoder = args.config.as_deref().map(Decoder::load).transpose()?;
     let mut input = Input::open(&args.input)?;
     let mut stats = Stats::new(args.rates.rates());
-    let interrupted = live::interrupted();
-    let started = Instant::now();
-    let mut batch = Batch::new(256);
-    while !interrupted.load(Ordering::Relaxed) {
-        if input.is_live() && args.seconds.is_some_and(|limit| started.elapsed() >= limit) {
-            break;
-        }
-        if input.poll(&mut batch)? == Poll::End {
-            break;
-        }
-        for event in &batch {
+    input.follow(args.seconds, |_, batch| {
+        for event in batch {
             stats.event(event, decoder.as_ref());
         }
-    }
+        Ok(true)
+    })?;
     if stats.buses.is_empty() && stats.malformed > 0 {
         return Err(crate::commands::no_log(&args.input, stats.malformed));
     }
