@@ -38,7 +38,10 @@ pub(super) fn flatten(chain: &Chain, sections: &[Section]) -> Dynamics {
             turning[coordinate] = index;
         }
     }
+    debug_assert!(turning.is_sorted(), "coordinates are counted from base to tip");
+    let inboard = |section: &usize| turning.iter().filter(|segment| *segment <= section).count();
     let mut dynamics = Dynamics {
+        inboard: flat.sections.iter().map(inboard).collect(),
         gravity_mps2: chain.gravity_mps2,
         coordinates,
         states: flat.segments.iter().map(|segment| at_zero(segment, &chain.gravity_mps2)).collect(),
@@ -50,6 +53,8 @@ pub(super) fn flatten(chain: &Chain, sections: &[Section]) -> Dynamics {
         tip: flat.here,
         turning,
         sines: vec![(0.0, 1.0); coordinates],
+        still: Motion::at_rest(&chain.gravity_mps2),
+        has_inertia: false,
     };
     dynamics.update_static(&vec![0.0; coordinates]);
     dynamics
@@ -99,9 +104,12 @@ impl Flattening {
 fn at_zero(segment: &Segment, gravity_mps2: &Vector3<f64>) -> State {
     State {
         rotation: segment.origin.rotation,
+        tip: Pose::identity(),
+        axis: Vector3::z(),
+        point_m: Vector3::zeros(),
         motion: Motion::at_rest(gravity_mps2),
+        body: RigidBody::zero(),
         force_n: Vector3::zeros(),
         moment_nm: Vector3::zeros(),
-        tip: Pose::identity(),
     }
 }
