@@ -11,7 +11,6 @@
 
 mod derivatives;
 mod flatten;
-mod lanes;
 mod outboard;
 mod pass;
 mod regressor;
@@ -193,6 +192,13 @@ impl Dynamics {
         let force = state.tip.rotation * (state.force_n + wrench.force_n);
         let moment = state.tip.rotation * (state.moment_nm + wrench.moment_nm);
         join(&force, &(moment + state.tip.translation_m.cross(&force)))
+    }
+
+    /// The tip frame E seen from a section's frame S (m), and the section's load as force (N) and moment (Nm) about E's origin, in E.
+    #[inline]
+    pub(crate) fn section(&self, section: usize) -> (&Pose, &Vector3<f64>, &Vector3<f64>) {
+        let state = &self.states[self.sections[section]];
+        (&state.tip, &state.force_n, &state.moment_nm)
     }
 
     /// What a row to the tip (counts/N, counts/Nm, as [`Self::row_to_tip`] has it) of a section's gauge feels of the section's load, counts.

@@ -18,7 +18,7 @@
 use nalgebra::{Vector3, Vector6};
 use wide::f64x2;
 
-use super::lanes::Triple;
+use crate::lanes::Triple;
 use super::outboard::{Carried, Composite, Field, Screw, Sum};
 use super::{Dynamics, Turn};
 use crate::spatial::{Tip, Wrench, join};

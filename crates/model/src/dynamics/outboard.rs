@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Motion;
-use super::lanes::{Number, Rows, Triple};
+use crate::lanes::{Number, Rows, Triple};
 use crate::spatial::{RigidBody, skew};
 
 /// A force (N) and its moment (Nm) about E's origin, in E.

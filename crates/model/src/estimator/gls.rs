@@ -5,7 +5,7 @@
 //! equations are never formed. Everything works in buffers sized at construction.
 
 use nalgebra::{Matrix6, Vector6};
-use wide::{f64x2, f64x4};
+use wide::f64x4;
 
 use super::redundancy::Redundancy;
 use super::singular::singular_values;
@@ -86,15 +86,17 @@ impl Gls {
         self.common.1 = 0;
     }
 
-    /// Forgets all rows, and sets what moves those to come together before anything else: independent errors of unit variance, of which
-    /// `effects` says what they do to each row, row by row, `width` pairs each.
-    pub(super) fn begin(&mut self, effects: &[f64x2], width: usize) {
+    /// Fours of rows: how many numbers in fours say what an error does to all rows.
+    pub(super) fn stride(&self) -> usize {
+        self.fours
+    }
+
+    /// Forgets all rows, and sets what moves those to come together before anything else, as [`Self::share`] takes it.
+    pub(super) fn begin(&mut self, effects: &[f64x4]) {
         self.rows.clear();
-        let rows = effects.len().checked_div(width).unwrap_or_default().min(self.capacity);
-        let (common, count) = &mut self.common;
-        common[..rows * self.fours].fill(f64x4::ZERO);
-        *count = rows;
-        add_products(common, self.fours, effects, width, rows);
+        self.common.0.fill(f64x4::ZERO);
+        self.common.1 = self.capacity;
+        add_products(&mut self.common.0, self.fours, effects, self.capacity);
     }
 
     /// Forgets all rows, but not what [`Self::begin`] set.
@@ -130,10 +132,10 @@ impl Gls {
         row[k / 4].as_mut_array()[k % 4] += variance;
     }
 
-    /// Adds to the covariance of the rows what moves several of them together: `width` pairs of independent errors of unit variance, of
-    /// which `effects` says what they do to each row, row by row.
-    pub fn share(&mut self, effects: &[f64x2], width: usize) {
-        add_products(&mut self.covariance, self.fours, effects, width, self.rows.len());
+    /// Adds to the covariance of the rows what moves several of them together: independent errors of unit variance, of which
+    /// `effects` says what they do to the rows, error by error, four rows at a time and as many fours as there is room for rows.
+    pub fn share(&mut self, effects: &[f64x4]) {
+        add_products(&mut self.covariance, self.fours, effects, self.rows.len());
     }
 
     /// Adds to the variance of one row.
@@ -292,31 +294,35 @@ impl Gls {
     }
 }
 
-/// Adds to the upper triangle of a matrix of so many rows the products of their effects.
-fn add_products(matrix: &mut [f64x4], fours: usize, effects: &[f64x2], width: usize, rows: usize) {
-    if width == 0 {
-        return;
-    }
-    for (k, mine) in effects.chunks_exact(width).take(rows).enumerate() {
-        let row = &mut matrix[k * fours..(k + 1) * fours];
-        for (j, other) in (k..rows).zip(effects[k * width..].chunks_exact(width)) {
-            row[j / 4].as_mut_array()[j % 4] += product(mine, other);
+/// Adds to the upper triangle of a matrix the products of what errors do to its first so many rows.
+fn add_products(matrix: &mut [f64x4], fours: usize, effects: &[f64x4], rows: usize) {
+    match fours {
+        0 => {}
+        1 => add_products_of::<1>(matrix, effects, rows),
+        2 => add_products_of::<2>(matrix, effects, rows),
+        _ => {
+            for (k, row) in matrix.chunks_exact_mut(fours).take(rows).enumerate() {
+                for effect in effects.chunks_exact(fours) {
+                    let own = f64x4::splat(effect[k / 4].as_array()[k % 4]);
+                    row[k / 4..].iter_mut().zip(&effect[k / 4..]).for_each(|(sum, other)| *sum += own * *other);
+                }
+            }
         }
     }
 }
 
-/// Three sums at a time: an addition need not wait for the last one.
-#[inline]
-fn product(a: &[f64x2], b: &[f64x2]) -> f64 {
-    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<3>(), b.as_chunks::<3>());
-    let mut sums = [f64x2::ZERO; 3];
-    for (a, b) in a.iter().zip(b) {
-        (0..3).for_each(|k| sums[k] += a[k] * b[k]);
+/// The same where the compiler knows how many fours there are.
+fn add_products_of<const FOURS: usize>(matrix: &mut [f64x4], effects: &[f64x4], rows: usize) {
+    let (matrix, effects) = (matrix.as_chunks_mut::<FOURS>().0, effects.as_chunks::<FOURS>().0);
+    for (k, row) in matrix.iter_mut().take(rows).enumerate() {
+        let (four, lane) = (k / 4, k % 4);
+        let mut sums = *row;
+        for effect in effects {
+            let own = f64x4::splat(effect[four].as_array()[lane]);
+            (0..FOURS).for_each(|at| sums[at] += own * effect[at]);
+        }
+        *row = sums;
     }
-    for (a, b) in a_rest.iter().zip(b_rest) {
-        sums[0] += *a * *b;
-    }
-    (sums[0] + sums[1] + sums[2]).reduce_add()
 }
 
 #[cfg(test)]
@@ -326,6 +332,11 @@ mod tests {
     use proptest::prelude::*;
 
     const UNIT: [f64; 6] = [1.0; 6];
+
+    fn fours(effects: &[f64], stride: usize) -> Vec<f64x4> {
+        let at = |k: usize| effects.get(k).copied().unwrap_or_default();
+        (0..stride).map(|four| f64x4::new(std::array::from_fn(|lane| at(4 * four + lane)))).collect()
+    }
 
     fn matrix(values: &[f64], n: usize) -> DMatrix<f64> {
         DMatrix::from_row_slice(n, 6, &values[..n * 6])
@@ -345,8 +356,7 @@ mod tests {
                 gls.push(&Vector6::from_fn(|c, _| a[(k, c)]), y[k], variance);
                 v[(k, k)] = variance;
             }
-            let effects: Vec<f64x2> = shared[..n].iter().map(|effect| f64x2::new([*effect, 0.0])).collect();
-            gls.share(&effects, 1);
+            gls.share(&fours(&shared[..n], gls.stride()));
             let s = DVector::from_column_slice(&shared[..n]);
             v += &s * s.transpose();
             let fit = gls.solve(&[1.0, 1.0, 1.0, 10.0, 10.0, 10.0]).unwrap();

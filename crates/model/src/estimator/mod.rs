@@ -12,6 +12,7 @@
 //! The parity residual is what six unknowns cannot explain of more than six gauges.
 
 mod arm;
+mod four;
 mod gls;
 mod redundancy;
 mod singular;
@@ -34,9 +35,10 @@ use crate::sensing::CHARACTERISTIC_LENGTH_M;
 use crate::spatial::{RigidBody, Tip, Wrench};
 use crate::terms::{GaugeTerms, MOST_TERMS, Regressors};
 use arm::Arm;
+use four::{FOUR, Four, TermsForm};
 use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
-use weigh::{Form, MotionRoots};
-use wide::f64x2;
+use weigh::MotionRoots;
+use wide::{f64x2, f64x4};
 
 /// Numbers of one gauge: six sensitivities, bias, terms.
 pub const GAUGE_NUMBERS: usize = 7 + MOST_TERMS;
@@ -140,18 +142,22 @@ pub struct WrenchEstimator {
     encoders_rad: Vec<f64>,
     /// Gauges that have a reading at this instant.
     present: Vec<Row>,
-    /// Each gauge's covariance, to be weighed with, and whether one of them assumes what it never saw.
-    forms: Vec<Form>,
+    /// The gauges, four at a time, and what their terms add.
+    fours: Vec<Four>,
+    terms_forms: Vec<TermsForm>,
+    /// Variances by the calibration, four gauges at a time, counts^2.
+    by_calibration: Vec<f64x4>,
+    /// Whether a gauge assumes what it never saw.
     needs_covariance: bool,
     /// The joints' uncertain motion as independent errors, two joints at a time.
     roots: Vec<MotionRoots>,
     /// How the joints' positions turn the wrench against what is inboard of them, two joints at a time.
     turned: Vec<[f64x2; 6]>,
-    /// What the joints' errors, of unit variance, do to each row, row by row, counts: those that move positions, and the others.
-    turning: Vec<f64x2>,
-    steady: Vec<f64x2>,
+    /// What the joints' errors, of unit variance, do to the rows, error by error, counts: those that move positions, and the others.
+    turning: Vec<f64x4>,
+    steady: Vec<f64x4>,
     /// The same of what arm and gauges are uncertain of together.
-    deviated: Vec<f64x2>,
+    deviated: Vec<f64x4>,
     /// Variance to leave out, one a row, counts^2.
     white: Vec<f64>,
 }
@@ -178,22 +184,24 @@ impl WrenchEstimator {
         let dynamics = Dynamics::new(chain, sections);
         let (n, coordinates) = (gauges.len(), dynamics.coordinates());
         let pairs = coordinates.div_ceil(2);
-        let form =
-            |gauge: &GaugeModel| Form::new(&gauge.covariance, 7 + gauge.terms.terms.len().min(MOST_TERMS));
+        let gls = Gls::new(n);
+        let stride = gls.stride();
         Self {
             dynamics,
-            deviated: Vec::with_capacity(n * arm.deviations.len().div_ceil(2)),
+            deviated: Vec::with_capacity(arm.deviations.len() * stride),
             arm: Arm::new(chain, sections, arm),
-            gls: Gls::new(n),
+            gls,
             motion: std::array::from_fn(|_| vec![0.0; coordinates]),
             encoders_rad: vec![0.0; coordinates],
             present: Vec::with_capacity(n),
-            forms: gauges.iter().map(form).collect(),
+            fours: gauges.chunks(FOUR).map(Four::new).collect(),
+            terms_forms: gauges.iter().map(TermsForm::new).collect(),
+            by_calibration: Vec::with_capacity(n.div_ceil(FOUR)),
             needs_covariance: gauges.iter().any(|gauge| gauge.assumed.is_some()),
             roots: Vec::with_capacity(pairs),
             turned: Vec::with_capacity(pairs),
-            turning: Vec::with_capacity(n * pairs),
-            steady: Vec::with_capacity(n * 2 * pairs),
+            turning: Vec::with_capacity(2 * pairs * stride),
+            steady: Vec::with_capacity(4 * pairs * stride),
             white: Vec::with_capacity(n),
             zeros: vec![Zero::CALIBRATED; n],
             gauges,
@@ -217,6 +225,7 @@ impl WrenchEstimator {
 
     /// Replaces the zero of a gauge.
     pub fn set_zero(&mut self, gauge: usize, zero: Zero) {
+        self.fours[gauge / FOUR].set_zero(gauge % FOUR, &zero);
         self.zeros[gauge] = zero;
     }
 
@@ -268,7 +277,8 @@ impl WrenchEstimator {
     /// last estimate, which gave `solution`.
     pub fn deviation_counts(&self, gauge: usize, reading: &GaugeReading, solution: &Solution) -> (f64, f64) {
         let row = self.row(gauge, reading);
-        let variance = self.variance(&row, &solution.wrench)
+        let by_calibration = self.fours[gauge / FOUR].variances(&solution.wrench);
+        let variance = self.variance(&row, &solution.wrench, by_calibration)
             + (row.tip.transpose() * solution.covariance * row.tip)[(0, 0)];
         (row.value - row.tip.dot(&solution.wrench.to_vector()), variance.max(0.0).sqrt())
     }
@@ -276,10 +286,9 @@ impl WrenchEstimator {
     /// A gauge's equation in the state of the arm.
     fn row(&self, gauge: usize, reading: &GaugeReading) -> Row {
         let model = &self.gauges[gauge];
-        let tip = self.dynamics.row_to_tip(gauge, &model.compliance);
-        let zero =
-            model.bias_counts + model.terms.counts(&reading.regressors) + self.zeros[gauge].shift_counts;
-        let value = reading.counts - zero - self.dynamics.felt_counts(gauge, &tip);
+        let (tip, own_counts) = self.fours[gauge / FOUR].row(gauge % FOUR);
+        let zero = model.bias_counts + model.terms.counts(&reading.regressors) + self.zeros[gauge].shift_counts;
+        let value = reading.counts - zero - own_counts;
         Row { gauge, tip, value, reading: *reading }
     }
 
@@ -342,6 +351,9 @@ impl WrenchEstimator {
     }
 
     fn collect(&mut self, readings: &[Option<GaugeReading>]) {
+        for (four, first) in self.fours.iter_mut().zip((0..).step_by(FOUR)) {
+            four.look(&self.dynamics, first);
+        }
         let mut present = std::mem::take(&mut self.present);
         present.clear();
         let heard = readings.iter().take(self.gauges.len()).enumerate();

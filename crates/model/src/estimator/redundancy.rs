@@ -223,8 +223,9 @@ mod tests {
             gls.push(&Vector6::from_fn(|c, _| a[(k, c)]), y[k], variance);
             v[(k, k)] += variance;
         }
-        let effects: Vec<_> = shared.iter().map(|effect| wide::f64x2::new([*effect, 0.0])).collect();
-        gls.share(&effects, 1);
+        let at = |k: usize| if k < n { shared[k] } else { 0.0 };
+        let four = |four: usize| wide::f64x4::new(std::array::from_fn(|lane| at(4 * four + lane)));
+        gls.share(&(0..gls.stride()).map(four).collect::<Vec<_>>());
         (gls, a, v, y)
     }
 

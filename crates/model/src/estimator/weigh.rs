@@ -1,57 +1,12 @@
 //! How much each gauge's equation counts: its noise, its calibration under the load it carries, and joint motion that all gauges share.
 
 use nalgebra::{Matrix6, Vector6};
-use wide::f64x2;
+use wide::{f64x2, f64x4};
 
-use super::{
-    EXPECTED_FORCE_N, EXPECTED_MOMENT_NM, Excitation, GAUGE_NUMBERS, GaugeCovariance, Row, WrenchEstimator,
-};
+use super::four::FOUR;
+use super::{EXPECTED_FORCE_N, EXPECTED_MOMENT_NM, Excitation, GaugeReading, Row, WrenchEstimator};
 use crate::motion::JointMotion;
 use crate::spatial::{Tip, Wrench};
-
-/// Numbers of a gauge without terms, and nothing: whole vectors.
-const FEW: usize = 8;
-
-/// A covariance laid out for its quadratic form: columns of the upper triangle, what is beside the diagonal doubled.
-#[derive(Clone, Debug)]
-pub(super) struct Form {
-    /// Columns of load, bias and first term.
-    few: [[f64; FEW]; FEW],
-    /// Columns of the other terms, as many as there are.
-    more: Vec<[f64; GAUGE_NUMBERS]>,
-}
-
-impl Form {
-    /// Of the first so many numbers: beyond them all is zero.
-    pub(super) fn new(covariance: &GaugeCovariance, numbers: usize) -> Self {
-        let entry = |i: usize, k: usize| match i.cmp(&k) {
-            std::cmp::Ordering::Less => 2.0 * covariance[(i, k)],
-            std::cmp::Ordering::Equal => covariance[(i, k)],
-            std::cmp::Ordering::Greater => 0.0,
-        };
-        Self {
-            few: std::array::from_fn(|k| std::array::from_fn(|i| entry(i, k))),
-            more: (FEW..numbers).map(|k| std::array::from_fn(|i| entry(i, k))).collect(),
-        }
-    }
-
-    /// `v' M v`, counts^2.
-    fn of(&self, vector: &[f64; GAUGE_NUMBERS]) -> f64 {
-        let mut product = [0.0; FEW];
-        for k in 0..FEW {
-            // Two at a time, down to the diagonal.
-            (0..=(k | 1)).for_each(|i| product[i] += self.few[k][i] * vector[k]);
-        }
-        let sums: [f64; 2] = std::array::from_fn(|i| {
-            (product[i] * vector[i] + product[i + 2] * vector[i + 2])
-                + (product[i + 4] * vector[i + 4] + product[i + 6] * vector[i + 6])
-        });
-        let more = self.more.iter().zip(FEW..).map(|(column, k)| {
-            vector[k] * column[..=k].iter().zip(vector).map(|(value, other)| value * other).sum::<f64>()
-        });
-        sums[0] + sums[1] + more.sum::<f64>()
-    }
-}
 
 /// Two joints' uncertain motion, each as three independent errors of unit variance: what they do to position, velocity and acceleration.
 ///
@@ -102,91 +57,103 @@ fn root(variances: f64x2) -> (f64x2, f64x2) {
 impl WrenchEstimator {
     /// Hands the rows to the solver with all that is uncertain of them before anything of the wrench is known.
     pub(super) fn weigh_first(&mut self) {
-        self.steady.clear();
-        self.turning.clear();
-        for row in &self.present {
-            let by_motion = self.dynamics.row_by_motion_of_two(row.gauge, &row.tip);
-            for (roots, by_motion) in self.roots.iter().zip(by_motion) {
-                let (first, others) = roots.felt(by_motion);
-                self.turning.push(first);
-                self.steady.extend(others);
-            }
-        }
-        self.gls.begin(&self.steady, 2 * self.roots.len());
-        for row in &self.present {
-            let unseen = self.unseen_variance(row.gauge, expected_covariance);
-            self.gls.push(&row.tip, row.value, self.variance(row, &Wrench::zero()) + unseen);
-        }
-        self.gls.share(&self.turning, self.roots.len());
+        self.feel_motion();
+        self.gls.begin(&self.steady);
+        self.push_rows(&Wrench::zero(), expected_covariance);
+        self.gls.share(&self.turning);
     }
 
     /// The same under the wrench that a first pass found: calibrations are uncertain in proportion to load, joints' positions turn the wrench,
     /// and arm and gauges are uncertain together.
     pub(super) fn weigh_again(&mut self, found: &Wrench<Tip>) {
         let covariance = self.needs_covariance.then(|| self.gls.unknowns_covariance());
-        self.turned.clear();
-        self.turned.extend(self.dynamics.turned_wrenches(found));
-        self.turn_errors();
+        self.turn_errors(found);
         self.gls.begin_again();
-        for row in &self.present {
-            let unseen = self.unseen_variance(row.gauge, || covariance.unwrap_or_default());
-            self.gls.push(&row.tip, row.value, self.variance(row, found) + unseen);
-        }
-        self.gls.share(&self.turning, self.roots.len());
+        self.push_rows(found, || covariance.unwrap_or_default());
+        self.gls.share(&self.turning);
         self.share_deviations(found);
     }
 
+    /// What the joints' errors do to each row, error by error.
+    fn feel_motion(&mut self) {
+        let stride = self.gls.stride();
+        for (effects, errors) in [(&mut self.turning, 1), (&mut self.steady, 2)] {
+            effects.clear();
+            effects.resize(2 * errors * self.roots.len() * stride, f64x4::ZERO);
+        }
+        for (at, row) in self.present.iter().enumerate() {
+            let by_motion = self.dynamics.row_by_motion_of_two(row.gauge, &row.tip);
+            for (pair, (roots, by_motion)) in self.roots.iter().zip(by_motion).enumerate() {
+                let (first, [second, third]) = roots.felt(by_motion);
+                put(&mut self.turning[2 * pair * stride + at / 4..], stride, at % 4, first);
+                let steady = &mut self.steady[4 * pair * stride + at / 4..];
+                put(steady, stride, at % 4, second);
+                put(&mut steady[2 * stride..], stride, at % 4, third);
+            }
+        }
+    }
+
     /// Adds to the joints' first errors what turning the wrench does to the rows inboard of them.
-    fn turn_errors(&mut self) {
-        let pairs = self.roots.len();
-        for (row, errors) in self.present.iter().zip(self.turning.chunks_exact_mut(pairs.max(1))) {
+    fn turn_errors(&mut self, wrench: &Wrench<Tip>) {
+        let stride = self.gls.stride();
+        self.turned.clear();
+        self.turned.extend(self.dynamics.turned_wrenches(wrench));
+        for (at, row) in self.present.iter().enumerate() {
             let inboard = self.dynamics.inboard_coordinates(row.gauge);
             let tip: [f64x2; 6] = std::array::from_fn(|c| f64x2::splat(row.tip[c]));
-            let joints = errors.iter_mut().zip(&self.turned).zip(&self.roots);
-            for (pair, ((error, turned), roots)) in joints.enumerate().skip(inboard / 2) {
-                let halves = [0, 3]
-                    .map(|c| tip[c] * turned[c] + tip[c + 1] * turned[c + 1] + tip[c + 2] * turned[c + 2]);
-                let mut position = halves[0] + halves[1];
-                if 2 * pair < inboard {
-                    position.as_mut_array()[0] = 0.0;
+            let joints = self.turned.iter().zip(&self.roots).enumerate().skip(inboard / 2);
+            for (pair, (turned, roots)) in joints {
+                let halves =
+                    [0, 3].map(|c| tip[c] * turned[c] + tip[c + 1] * turned[c + 1] + tip[c + 2] * turned[c + 2]);
+                let errors = ((halves[0] + halves[1]) * roots.first[0]).to_array();
+                for joint in (2 * pair..2 * pair + 2).filter(|joint| *joint >= inboard) {
+                    self.turning[stride * joint + at / 4].as_mut_array()[at % 4] += errors[joint % 2];
                 }
-                *error += position * roots.first[0];
             }
+        }
+    }
+
+    fn push_rows(&mut self, wrench: &Wrench<Tip>, wrench_covariance: impl Fn() -> Matrix6<f64>) {
+        self.by_calibration.clear();
+        self.by_calibration.extend(self.fours.iter().map(|four| four.variances(wrench)));
+        for row in &self.present {
+            let unseen = self.unseen_variance(row.gauge, &wrench_covariance);
+            let variance = self.variance(row, wrench, self.by_calibration[row.gauge / FOUR]);
+            self.gls.push(&row.tip, row.value, variance + unseen);
         }
     }
 
     /// Arm and gauges are uncertain together in the directions of the arm's deviations.
     fn share_deviations(&mut self, wrench: &Wrench<Tip>) {
-        let pairs = self.arm.deviations().div_ceil(2);
-        if pairs == 0 {
+        let (deviations, stride) = (self.arm.deviations(), self.gls.stride());
+        if deviations == 0 {
             return;
         }
         self.deviated.clear();
-        for row in &self.present {
+        self.deviated.resize(deviations * stride, f64x4::ZERO);
+        for (at, row) in self.present.iter().enumerate() {
             let excitation = self.excitation(row.gauge, &row.reading, wrench);
             let excited = self.zeros[row.gauge].excited(excitation);
             let compliance = &self.gauges[row.gauge].compliance;
-            let change = |d| match d < self.arm.deviations() {
-                true => self.arm.change_counts(d, row.gauge, compliance, &excited, wrench),
-                false => 0.0,
-            };
-            self.deviated.extend((0..pairs).map(|pair| f64x2::new([change(2 * pair), change(2 * pair + 1)])));
+            for (deviation, effects) in self.deviated.chunks_exact_mut(stride).enumerate() {
+                effects[at / 4].as_mut_array()[at % 4] =
+                    self.arm.change_counts(deviation, row.gauge, compliance, &excited, wrench);
+            }
         }
-        self.gls.share(&self.deviated, pairs);
+        self.gls.share(&self.deviated);
     }
 
     /// Variance of a row that is its own: noise, an unknown past, and the calibration's uncertainty under its present load; counts^2.
-    pub(super) fn variance(&self, row: &Row, wrench: &Wrench<Tip>) -> f64 {
-        let load = self.dynamics.load_under(row.gauge, wrench);
-        let zero = &self.zeros[row.gauge];
-        let mut excitation = excitation(&load, &row.reading.regressors);
-        if zero.found_at.is_some() {
-            excitation = zero.excited(excitation.into()).into();
-        }
-        self.gauges[row.gauge].noise_counts2
+    pub(super) fn variance(&self, row: &Row, wrench: &Wrench<Tip>, by_calibration: f64x4) -> f64 {
+        let (zero, terms) = (&self.zeros[row.gauge], &self.terms_forms[row.gauge]);
+        let mut variance = self.gauges[row.gauge].noise_counts2
             + row.reading.unsettled_counts2
             + zero.variance_counts2
-            + self.forms[row.gauge].of(&excitation)
+            + by_calibration.as_array()[row.gauge % FOUR];
+        if !terms.is_empty() {
+            variance += terms.of(&zero.excited(self.excitation(row.gauge, &row.reading, wrench)));
+        }
+        variance
     }
 
     /// Variance from directions that the calibration never saw, excited by a wrench that is itself uncertain, counts^2.
@@ -197,24 +164,21 @@ impl WrenchEstimator {
     }
 
     /// What a gauge's numbers are multiplied by in the state of the last estimate and under a tip wrench.
-    pub fn excitation(
-        &self,
-        gauge: usize,
-        reading: &super::GaugeReading,
-        wrench: &Wrench<Tip>,
-    ) -> Excitation {
-        let load = self.dynamics.load_under(gauge, wrench);
-        excitation(&load, &reading.regressors).into()
+    pub fn excitation(&self, gauge: usize, reading: &GaugeReading, wrench: &Wrench<Tip>) -> Excitation {
+        let mut excitation = Excitation::zeros();
+        excitation.fixed_rows_mut::<6>(0).copy_from(&self.dynamics.load_under(gauge, wrench));
+        excitation[6] = 1.0;
+        excitation.as_mut_slice()[7..].copy_from_slice(&reading.regressors);
+        excitation
     }
 }
 
-/// Load (N, Nm; S), one, and the terms' regressors.
+/// Puts what two errors do to a row into its lane.
 #[inline]
-fn excitation(load: &Vector6<f64>, regressors: &[f64; GAUGE_NUMBERS - 7]) -> [f64; GAUGE_NUMBERS] {
-    let mut excitation = [1.0; GAUGE_NUMBERS];
-    excitation[..6].copy_from_slice(load.as_slice());
-    excitation[7..].copy_from_slice(regressors);
-    excitation
+fn put(effects: &mut [f64x4], stride: usize, lane: usize, errors: f64x2) {
+    let [first, second] = errors.to_array();
+    effects[0].as_mut_array()[lane] = first;
+    effects[stride].as_mut_array()[lane] = second;
 }
 
 /// Covariance of a wrench of which nothing is known but its usual size; N^2, N Nm, Nm^2.

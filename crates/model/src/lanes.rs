@@ -1,12 +1,12 @@
-//! Vectors of three whose components are one number or several at once: the same formulas for one joint and for two.
+//! Vectors of three whose components are one number or several at once: the same formulas for one joint and for two, for one gauge and for four.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
 use nalgebra::{Matrix3, Vector3};
-use wide::f64x2;
+use wide::{f64x2, f64x4};
 
 /// A number, or several side by side.
-pub(super) trait Number:
+pub(crate) trait Number:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
     /// The same number in all places.
@@ -37,36 +37,47 @@ impl Number for f64x2 {
     }
 }
 
+impl Number for f64x4 {
+    #[inline]
+    fn all(value: f64) -> Self {
+        Self::splat(value)
+    }
+    #[inline]
+    fn put(&mut self, place: usize, value: f64) {
+        self.as_mut_array()[place] = value;
+    }
+}
+
 /// A vector of three.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Triple<T> {
-    pub(super) x: T,
-    pub(super) y: T,
-    pub(super) z: T,
+pub(crate) struct Triple<T> {
+    pub(crate) x: T,
+    pub(crate) y: T,
+    pub(crate) z: T,
 }
 
 impl<T: Number> Triple<T> {
     /// The same vector in all places.
     #[inline]
-    pub(super) fn all(vector: &Vector3<f64>) -> Self {
+    pub(crate) fn all(vector: &Vector3<f64>) -> Self {
         Self { x: T::all(vector.x), y: T::all(vector.y), z: T::all(vector.z) }
     }
 
     /// Puts a vector into one place.
     #[inline]
-    pub(super) fn put(&mut self, place: usize, vector: &Vector3<f64>) {
+    pub(crate) fn put(&mut self, place: usize, vector: &Vector3<f64>) {
         self.x.put(place, vector.x);
         self.y.put(place, vector.y);
         self.z.put(place, vector.z);
     }
 
     #[inline]
-    pub(super) fn dot(&self, other: &Self) -> T {
+    pub(crate) fn dot(&self, other: &Self) -> T {
         self.x * other.x + self.y * other.y + self.z * other.z
     }
 
     #[inline]
-    pub(super) fn cross(&self, other: &Self) -> Self {
+    pub(crate) fn cross(&self, other: &Self) -> Self {
         Self {
             x: self.y * other.z - self.z * other.y,
             y: self.z * other.x - self.x * other.z,
@@ -78,7 +89,7 @@ impl<T: Number> Triple<T> {
 impl Triple<f64x2> {
     /// The vector in one place.
     #[inline]
-    pub(super) fn at(&self, place: usize) -> Vector3<f64> {
+    pub(crate) fn at(&self, place: usize) -> Vector3<f64> {
         let of = |number: &f64x2| number.as_array()[place];
         Vector3::new(of(&self.x), of(&self.y), of(&self.z))
     }
@@ -116,20 +127,28 @@ impl<T: Number> Mul<T> for Triple<T> {
     }
 }
 
+impl Triple<f64x4> {
+    /// The vector in one place.
+    #[inline]
+    pub(crate) fn of(&self, place: usize) -> [f64; 3] {
+        [&self.x, &self.y, &self.z].map(|number| number.as_array()[place])
+    }
+}
+
 /// A matrix of three rows.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Rows<T>(pub(super) [Triple<T>; 3]);
+pub(crate) struct Rows<T>(pub(crate) [Triple<T>; 3]);
 
 impl<T: Number> Rows<T> {
     /// The same matrix in all places.
     #[inline]
-    pub(super) fn all(matrix: &Matrix3<f64>) -> Self {
+    pub(crate) fn all(matrix: &Matrix3<f64>) -> Self {
         Self([0, 1, 2].map(|i| Triple::all(&Vector3::new(matrix[(i, 0)], matrix[(i, 1)], matrix[(i, 2)]))))
     }
 
     /// Puts a matrix into one place.
     #[inline]
-    pub(super) fn put(&mut self, place: usize, matrix: &Matrix3<f64>) {
+    pub(crate) fn put(&mut self, place: usize, matrix: &Matrix3<f64>) {
         for (i, row) in self.0.iter_mut().enumerate() {
             row.put(place, &Vector3::new(matrix[(i, 0)], matrix[(i, 1)], matrix[(i, 2)]));
         }
@@ -137,21 +156,21 @@ impl<T: Number> Rows<T> {
 
     /// Times a vector.
     #[inline]
-    pub(super) fn times(&self, vector: &Triple<T>) -> Triple<T> {
+    pub(crate) fn times(&self, vector: &Triple<T>) -> Triple<T> {
         let [x, y, z] = &self.0;
         Triple { x: x.dot(vector), y: y.dot(vector), z: z.dot(vector) }
     }
 
     /// The transpose times a vector.
     #[inline]
-    pub(super) fn transposed_times(&self, vector: &Triple<T>) -> Triple<T> {
+    pub(crate) fn transposed_times(&self, vector: &Triple<T>) -> Triple<T> {
         let [x, y, z] = &self.0;
         *x * vector.x + *y * vector.y + *z * vector.z
     }
 
     /// Sum of the diagonal.
     #[inline]
-    pub(super) fn trace(&self) -> T {
+    pub(crate) fn trace(&self) -> T {
         let [x, y, z] = &self.0;
         x.x + y.y + z.z
     }
