@@ -33,6 +33,9 @@ pub struct Gls {
     fours: usize,
 }
 
+/// Lengths of a covariance's rows are known to the compiler, in fours: 2, 4, 16, or this at most.
+const MOST_FOURS: usize = 64;
+
 /// Ratio of smallest to largest singular value below which a direction counts as not seen at all.
 const RANK_TOLERANCE: f64 = 1e-10;
 
@@ -61,9 +64,11 @@ pub enum NoFit {
 }
 
 impl Gls {
-    /// For up to `capacity` rows.
+    /// For up to `capacity` rows, and at most 256.
     pub fn new(capacity: usize) -> Self {
-        let fours = capacity.div_ceil(4);
+        let capacity = capacity.min(4 * MOST_FOURS);
+        let needed = capacity.div_ceil(4);
+        let fours = [2, 4, 16].into_iter().find(|fours| *fours >= needed).unwrap_or(MOST_FOURS);
         let square = vec![f64x4::ZERO; capacity * fours];
         Self {
             fours,
@@ -96,7 +101,7 @@ impl Gls {
         self.rows.clear();
         self.common.0.fill(f64x4::ZERO);
         self.common.1 = self.capacity;
-        add_products(&mut self.common.0, self.fours, effects, self.capacity);
+        add(&mut self.common.0, self.fours, effects, self.capacity);
     }
 
     /// Forgets all rows, but not what [`Self::begin`] set.
@@ -135,7 +140,7 @@ impl Gls {
     /// Adds to the covariance of the rows what moves several of them together: independent errors of unit variance, of which
     /// `effects` says what they do to the rows, error by error, four rows at a time and as many fours as there is room for rows.
     pub fn share(&mut self, effects: &[f64x4]) {
-        add_products(&mut self.covariance, self.fours, effects, self.rows.len());
+        add(&mut self.covariance, self.fours, effects, self.rows.len());
     }
 
     /// Adds to the variance of one row.
@@ -254,34 +259,19 @@ impl Gls {
 
     /// Transposed Cholesky factor of the covariance, and `L^-1 [A scale, y]` by forward substitution as it grows.
     fn whiten(&mut self) -> Result<(), NoFit> {
-        let (n, fours) = (self.rows.len(), self.fours);
         let scale = Row::new(&self.column_scale, 1.0);
         self.whitened.clear();
         self.whitened.extend(self.rows.iter().map(|row| row.times(&scale)));
-        let factor = &mut self.factor[..n * fours];
-        factor.copy_from_slice(&self.covariance[..n * fours]);
-        for k in 0..n {
-            let (done, mut rest) = factor.split_at_mut((k + 1) * fours);
-            let (white_done, white_rest) = self.whitened.split_at_mut(k + 1);
-            let (mine, white) = (&mut done[k * fours..], &mut white_done[k]);
-            let left = mine[k / 4].as_array()[k % 4];
-            // Also false for what is not a number.
-            if !(left > 0.0 && left < f64::INFINITY) {
-                return Err(NoFit::NotFinite);
-            }
-            let reciprocal = f64x4::splat(left.sqrt().recip());
-            mine[k / 4..].iter_mut().for_each(|four| *four *= reciprocal);
-            *white = Row(white.0.map(|half| half * reciprocal));
-            for (i, other) in (k + 1..n).zip(white_rest) {
-                let row;
-                (row, rest) = rest.split_at_mut(fours);
-                let share = -mine[i / 4].as_array()[i % 4];
-                other.add(share, white);
-                let share = f64x4::splat(share);
-                row[i / 4..].iter_mut().zip(&mine[i / 4..]).for_each(|(row, mine)| *row += share * *mine);
-            }
-        }
-        Ok(())
+        let numbers = self.rows.len() * self.fours;
+        self.factor[..numbers].copy_from_slice(&self.covariance[..numbers]);
+        let (factor, whitened) = (&mut self.factor[..numbers], &mut self.whitened[..]);
+        let done = match self.fours {
+            2 => eliminate::<2>(factor, whitened),
+            4 => eliminate::<4>(factor, whitened),
+            16 => eliminate::<16>(factor, whitened),
+            _ => eliminate::<MOST_FOURS>(factor, whitened),
+        };
+        if done { Ok(()) } else { Err(NoFit::NotFinite) }
     }
 
     fn find_residuals(&mut self, scaled: &[f64; 6]) {
@@ -294,25 +284,32 @@ impl Gls {
     }
 }
 
-/// Adds to the upper triangle of a matrix the products of what errors do to its first so many rows.
-fn add_products(matrix: &mut [f64x4], fours: usize, effects: &[f64x4], rows: usize) {
-    match fours {
-        0 => {}
-        1 => add_products_of::<1>(matrix, effects, rows),
-        2 => add_products_of::<2>(matrix, effects, rows),
-        _ => {
-            for (k, row) in matrix.chunks_exact_mut(fours).take(rows).enumerate() {
-                for effect in effects.chunks_exact(fours) {
-                    let own = f64x4::splat(effect[k / 4].as_array()[k % 4]);
-                    row[k / 4..].iter_mut().zip(&effect[k / 4..]).for_each(|(sum, other)| *sum += own * *other);
-                }
-            }
+/// Turns a covariance into its Cholesky factor, transposed, and rows into whitened ones; false where it is not positive, or not a number.
+fn eliminate<const FOURS: usize>(covariance: &mut [f64x4], rows: &mut [Row]) -> bool {
+    let covariance = covariance.as_chunks_mut::<FOURS>().0;
+    for k in 0..rows.len().min(covariance.len()) {
+        let ((done, after), (white, others)) = (covariance.split_at_mut(k + 1), rows.split_at_mut(k + 1));
+        let (mine, white) = (&mut done[k], &mut white[k]);
+        let left = mine[k / 4].as_array()[k % 4];
+        // Also false for what is not a number.
+        if !(left > 0.0 && left < f64::INFINITY) {
+            return false;
+        }
+        let reciprocal = f64x4::splat(left.sqrt().recip());
+        *mine = mine.map(|four| four * reciprocal);
+        white.0 = white.0.map(|four| four * reciprocal);
+        for (i, (row, other)) in (k + 1..).zip(after.iter_mut().zip(others)) {
+            let share = mine[i / 4].as_array()[i % 4];
+            other.add(-share, white);
+            let share = f64x4::splat(share);
+            (0..FOURS).for_each(|at| row[at] -= share * mine[at]);
         }
     }
+    true
 }
 
-/// The same where the compiler knows how many fours there are.
-fn add_products_of<const FOURS: usize>(matrix: &mut [f64x4], effects: &[f64x4], rows: usize) {
+/// Adds to the upper triangle of a matrix the products of what errors do to its first so many rows.
+fn add_products<const FOURS: usize>(matrix: &mut [f64x4], effects: &[f64x4], rows: usize) {
     let (matrix, effects) = (matrix.as_chunks_mut::<FOURS>().0, effects.as_chunks::<FOURS>().0);
     for (k, row) in matrix.iter_mut().take(rows).enumerate() {
         let (four, lane) = (k / 4, k % 4);
@@ -322,6 +319,16 @@ fn add_products_of<const FOURS: usize>(matrix: &mut [f64x4], effects: &[f64x4], 
             (0..FOURS).for_each(|at| sums[at] += own * effect[at]);
         }
         *row = sums;
+    }
+}
+
+/// The same for matrices of which a row is so many fours.
+fn add(matrix: &mut [f64x4], fours: usize, effects: &[f64x4], rows: usize) {
+    match fours {
+        2 => add_products::<2>(matrix, effects, rows),
+        4 => add_products::<4>(matrix, effects, rows),
+        16 => add_products::<16>(matrix, effects, rows),
+        _ => add_products::<MOST_FOURS>(matrix, effects, rows),
     }
 }
 
