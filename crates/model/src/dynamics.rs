@@ -1,11 +1,9 @@
 //! Loads of the arm's own weight and motion at every section, and the way of a tip wrench to every section.
 //!
-//! The recursive Newton-Euler algorithm (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5), with all segments' motions,
-//! bodies and loads about one point in one frame: the inertial one that coincides with the tip frame E at this instant. So nothing
-//! is carried from frame to frame, a rigid joint costs nothing, and gauges, derivatives and the wrench meet without a further step; what
-//! is asked for in a section's own frame S is taken there at the end. [`Dynamics::new`] flattens the chain into segments whose z
-//! axis is their joint's axis, wherever possible the sensing frames themselves; fixed joints without a section vanish. A
-//! `Dynamics` is its own workspace: nothing after `new` allocates, every loop is bounded by the segments.
+//! The recursive Newton-Euler algorithm (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5), in axes that move
+//! with the arm. [`Dynamics::new`] flattens the chain into segments whose z axis is their joint's axis, wherever possible
+//! the sensing frames themselves, so that loads come out in S without a further rotation; fixed joints without a section
+//! vanish. A `Dynamics` is its own workspace: nothing after `new` allocates, every loop is bounded by the segments.
 //!
 //! Sign: a load is what the outboard side applies to the inboard side. An arm at rest under its section weighs `m g`.
 
@@ -40,23 +38,17 @@ struct Segment {
     body: RigidBody,
 }
 
-/// State of a segment; but for its place, all in the axes of E and about its origin.
+/// State of a segment in its own frame.
 #[derive(Debug, Clone)]
 struct State {
     /// Components in this segment's frame to components in the inboard one's.
     rotation: Matrix3<f64>,
-    /// The tip frame seen from this one.
-    tip: Pose,
-    /// This frame's z axis, and its origin.
-    axis: Vector3<f64>,
-    point_m: Vector3<f64>,
-    /// Of this segment, as if E's origin were a point of it.
     motion: Motion,
-    /// What this segment carries; after a static update without its inertia.
-    body: RigidBody,
-    /// What this segment and everything outboard applies to the inboard side.
+    /// What this segment and everything outboard applies to the inboard side, about this frame's origin.
     force_n: Vector3<f64>,
     moment_nm: Vector3<f64>,
+    /// The tip frame seen from this one.
+    tip: Pose,
 }
 
 /// Motion of a frame against the base, in its own axes: rotation, and acceleration of the origin less gravity.
@@ -96,27 +88,6 @@ impl Motion {
         }
     }
 
-    /// The same beyond a joint through a point (m) that turns about an axis (unit vector) at a rate (rad/s) that changes (rad/s^2).
-    #[inline]
-    fn turned(
-        &self,
-        axis: &Vector3<f64>,
-        point_m: &Vector3<f64>,
-        rate_rad_s: f64,
-        acceleration_rad_s2: f64,
-    ) -> Self {
-        let (carried, own) = (&self.velocity_rad_s, axis * rate_rad_s);
-        let faster = axis * acceleration_rad_s2 + carried.cross(&own);
-        // The joint's own point moves alike on both sides.
-        let lever = own.cross(point_m);
-        let swung = own.cross(&(carried.cross(point_m) + lever)) + carried.cross(&lever);
-        Self {
-            velocity_rad_s: carried + own,
-            acceleration_rad_s2: self.acceleration_rad_s2 + faster,
-            proper_mps2: self.proper_mps2 - faster.cross(point_m) - swung,
-        }
-    }
-
     /// Force (N) and moment about the frame's origin (Nm) that a body which moves so applies to what carries it.
     #[inline]
     fn load_of(&self, body: &RigidBody) -> (Vector3<f64>, Vector3<f64>) {
@@ -148,10 +119,6 @@ pub struct Dynamics {
     /// Per coordinate its segment.
     turning: Vec<usize>,
     sines: Vec<(f64, f64)>,
-    /// What the base would feel at E's origin, in E.
-    still: Motion,
-    /// The states' bodies have their inertia.
-    has_inertia: bool,
     derivatives: Derivatives,
 }
 
@@ -181,32 +148,15 @@ impl Dynamics {
     #[inline]
     #[must_use]
     pub fn load(&self, section: usize) -> Vector6<f64> {
-        self.load_under(section, &Wrench::zero())
-    }
-
-    /// The same with a tip wrench in E that acts as well.
-    #[inline]
-    #[must_use]
-    pub fn load_under(&self, section: usize, wrench: &Wrench<Tip>) -> Vector6<f64> {
         let state = &self.states[self.sections[section]];
-        let force = state.tip.rotation * (state.force_n + wrench.force_n);
-        let moment = state.tip.rotation * (state.moment_nm + wrench.moment_nm);
-        join(&force, &(moment + state.tip.translation_m.cross(&force)))
+        join(&state.force_n, &state.moment_nm)
     }
 
-    /// The tip frame E seen from a section's frame S (m), and the section's load as force (N) and moment (Nm) about E's origin, in E.
+    /// The tip frame E seen from a section's frame S (m), and the section's load as force (N) and moment (Nm) about S, in S.
     #[inline]
     pub(crate) fn section(&self, section: usize) -> (&Pose, &Vector3<f64>, &Vector3<f64>) {
         let state = &self.states[self.sections[section]];
         (&state.tip, &state.force_n, &state.moment_nm)
-    }
-
-    /// What a row to the tip (counts/N, counts/Nm, as [`Self::row_to_tip`] has it) of a section's gauge feels of the section's load, counts.
-    #[inline]
-    #[must_use]
-    pub fn felt_counts(&self, section: usize, row: &Vector6<f64>) -> f64 {
-        let state = &self.states[self.sections[section]];
-        row.dot(&join(&state.force_n, &state.moment_nm))
     }
 
     /// The tip frame E seen from a section's frame S (m): its rotation takes components in E to components in S.
@@ -257,8 +207,9 @@ impl Dynamics {
     #[must_use]
     pub fn joint_torque_nm(&self, coordinate: usize, wrench: &Wrench<Tip>) -> f64 {
         let state = &self.states[self.turning[coordinate]];
-        let (force, moment) = (state.force_n + wrench.force_n, state.moment_nm + wrench.moment_nm);
-        state.axis.dot(&(moment - state.point_m.cross(&force)))
+        let force = state.tip.rotation * wrench.force_n;
+        let moment = state.tip.rotation * wrench.moment_nm + state.tip.translation_m.cross(&force);
+        state.moment_nm.z + moment.z
     }
 
     /// The tip frame E in the base frame W (m).
@@ -280,7 +231,7 @@ impl Dynamics {
     #[must_use]
     pub fn tip_motion(&self) -> Motion {
         let base = Motion::at_rest(&self.gravity_mps2);
-        self.states.last().map_or_else(|| base.of(&self.tip), |state| state.motion)
+        self.states.last().map_or(base, |state| state.motion).of(&self.tip)
     }
 
     /// Wrench (N, Nm, about E, in E) that a body rigidly at the tip (tip frame) applies to the arm: weight and inertia.

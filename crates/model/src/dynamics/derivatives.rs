@@ -20,8 +20,8 @@ use wide::f64x2;
 
 use crate::lanes::Triple;
 use super::outboard::{Carried, Composite, Field, Screw, Sum};
-use super::{Dynamics, Turn};
-use crate::spatial::{Tip, Wrench, join};
+use super::{Dynamics, Motion, Turn};
+use crate::spatial::{Pose, Tip, Wrench, join};
 
 /// Joints that are worked on at once.
 const LANES: usize = 2;
@@ -235,32 +235,53 @@ impl Dynamics {
         join(&force, &(tip.rotation * -moment + tip.translation_m.cross(&force)))
     }
 
+    /// Motion of what carries a segment, at E's origin in E's axes.
+    fn inboard_motion(&self, segment: usize) -> Motion {
+        match segment.checked_sub(1) {
+            None => {
+                let carried = &self.states[0];
+                let translation_m = self.segments[0].origin.translation_m;
+                let place = Pose { rotation: carried.rotation, translation_m };
+                Motion::at_rest(&self.gravity_mps2).of(&place).of(&carried.tip)
+            }
+            Some(inboard) => self.states[inboard].motion.of(&self.states[inboard].tip),
+        }
+    }
+
     /// Sums over what is outboard of each segment, and with them what each joint carries, and how its inboard side moves.
     fn collect(&mut self) {
-        if !self.has_inertia {
-            self.turn_bodies();
-        }
-        let Derivatives { composites, joints } = &mut self.derivatives;
-        let mut velocity_mps = Vector3::zeros();
-        let mut inboard = &self.still;
-        for ((segment, state), composite) in self.segments.iter().zip(&self.states).zip(&mut *composites) {
-            if let Turn::Coordinate(coordinate) = segment.turn {
-                let screw = &mut joints[coordinate / LANES].screw;
-                screw.put(coordinate % LANES, &state.axis, &state.point_m, inboard, &velocity_mps);
-                velocity_mps += state.point_m.cross(&(state.motion.velocity_rad_s - inboard.velocity_rad_s));
+        let (mut velocity_mps, mut before) = (Vector3::zeros(), Vector3::zeros());
+        for index in 0..self.segments.len() {
+            let state = &self.states[index];
+            let to_tip = state.tip.inverse();
+            let rotation = to_tip.rotation * state.motion.velocity_rad_s;
+            if let Turn::Coordinate(coordinate) = self.segments[index].turn {
+                let inboard = self.inboard_motion(index);
+                let (axis, point_m) = (to_tip.rotation.column(2).into_owned(), to_tip.translation_m);
+                let screw = &mut self.derivatives.joints[coordinate / LANES].screw;
+                screw.put(coordinate % LANES, &axis, &point_m, &inboard, &velocity_mps);
+                velocity_mps += point_m.cross(&(rotation - before));
             }
-            inboard = &state.motion;
-            *composite = Composite::of(&state.body, &velocity_mps, &state.motion.velocity_rad_s);
+            before = rotation;
+            let body = self.segments[index].body.transformed(&to_tip);
+            self.derivatives.composites[index] = Composite::of(&body, &velocity_mps, &rotation);
         }
+        self.accumulate();
+    }
+
+    /// Adds to every segment what is outboard of it, and hands the joints what they carry.
+    fn accumulate(&mut self) {
+        let Derivatives { composites, joints } = &mut self.derivatives;
         let mut outboard = Composite::zero();
         for ((segment, state), composite) in self.segments.iter().zip(&self.states).zip(composites).rev() {
             outboard.add(composite);
             *composite = outboard;
             if let Turn::Coordinate(coordinate) = segment.turn {
                 let (joint, lane) = (&mut joints[coordinate / LANES], coordinate % LANES);
+                let at_tip = state.moment_nm - state.tip.translation_m.cross(&state.force_n);
                 joint.outboard.put(lane, &outboard);
-                joint.load.0.put(lane, &state.force_n);
-                joint.load.1.put(lane, &state.moment_nm);
+                joint.load.0.put(lane, &state.tip.rotation.tr_mul(&state.force_n));
+                joint.load.1.put(lane, &state.tip.rotation.tr_mul(&at_tip));
             }
         }
     }

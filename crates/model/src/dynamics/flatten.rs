@@ -53,8 +53,6 @@ pub(super) fn flatten(chain: &Chain, sections: &[Section]) -> Dynamics {
         tip: flat.here,
         turning,
         sines: vec![(0.0, 1.0); coordinates],
-        still: Motion::at_rest(&chain.gravity_mps2),
-        has_inertia: false,
     };
     dynamics.update_static(&vec![0.0; coordinates]);
     dynamics
@@ -104,12 +102,9 @@ impl Flattening {
 fn at_zero(segment: &Segment, gravity_mps2: &Vector3<f64>) -> State {
     State {
         rotation: segment.origin.rotation,
-        tip: Pose::identity(),
-        axis: Vector3::z(),
-        point_m: Vector3::zeros(),
         motion: Motion::at_rest(gravity_mps2),
-        body: RigidBody::zero(),
         force_n: Vector3::zeros(),
         moment_nm: Vector3::zeros(),
+        tip: Pose::identity(),
     }
 }

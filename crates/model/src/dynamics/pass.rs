@@ -1,4 +1,4 @@
-//! The passes inwards (places), outwards (motion) and inwards again (loads).
+//! The passes outwards (motion) and inwards (loads, tip frame).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -10,73 +10,67 @@ impl Dynamics {
     ///
     /// The slice has one entry per coordinate; missing ones keep their last value.
     pub fn update_static(&mut self, positions_rad: &[f64]) {
-        self.place(positions_rad);
-        let still = self.still;
-        let gravity = -still.proper_mps2;
-        self.has_inertia = false;
+        self.sines(positions_rad);
+        let mut gravity = self.gravity_mps2;
+        for (segment, state) in self.segments.iter().zip(&mut self.states) {
+            state.rotation = rotation(segment, &self.sines);
+            gravity = state.rotation.tr_mul(&gravity);
+            state.motion = Motion::at_rest(&gravity);
+        }
         let (mut mass_kg, mut first_moment_kgm) = (0.0, Vector3::zeros());
         for (segment, state) in self.segments.iter().zip(&mut self.states).rev() {
-            let body = &segment.body;
-            state.body.mass_kg = body.mass_kg;
-            state.body.first_moment_kgm =
-                state.tip.rotation.tr_mul(&body.first_moment_kgm) + state.point_m * body.mass_kg;
-            mass_kg += state.body.mass_kg;
-            first_moment_kgm += state.body.first_moment_kgm;
-            state.motion = still;
+            mass_kg += segment.body.mass_kg;
+            first_moment_kgm += segment.body.first_moment_kgm;
+            let gravity = -state.motion.proper_mps2;
             state.force_n = gravity * mass_kg;
             state.moment_nm = first_moment_kgm.cross(&gravity);
+            first_moment_kgm = state.rotation * first_moment_kgm + segment.origin.translation_m * mass_kg;
         }
+        self.carry_tip();
     }
 
     /// Loads and tip transport at the positions (rad), velocities (rad/s) and accelerations (rad/s^2) of the joints.
     ///
     /// The slices have one entry per coordinate; missing positions keep their last value, missing rates count as zero.
     pub fn update(&mut self, positions_rad: &[f64], velocities_rad_s: &[f64], accelerations_rad_s2: &[f64]) {
-        self.place(positions_rad);
-        let mut motion = self.still;
+        self.sines(positions_rad);
+        let mut inboard = Motion::at_rest(&self.gravity_mps2);
         for (segment, state) in self.segments.iter().zip(&mut self.states) {
+            state.rotation = rotation(segment, &self.sines);
+            let place = Pose { rotation: state.rotation, translation_m: segment.origin.translation_m };
+            inboard = inboard.of(&place);
             if let Turn::Coordinate(index) = segment.turn {
                 let rate_rad_s = velocities_rad_s.get(index).copied().unwrap_or(0.0);
                 let acceleration_rad_s2 = accelerations_rad_s2.get(index).copied().unwrap_or(0.0);
-                motion = motion.turned(&state.axis, &state.point_m, rate_rad_s, acceleration_rad_s2);
+                turn(&mut inboard, rate_rad_s, acceleration_rad_s2);
             }
-            state.motion = motion;
+            state.motion = inboard;
         }
-        self.turn_bodies();
         let (mut force_n, mut moment_nm) = (Vector3::zeros(), Vector3::zeros());
-        for state in self.states.iter_mut().rev() {
-            let (own_force_n, own_moment_nm) = state.motion.load_of(&state.body);
-            force_n += own_force_n;
-            moment_nm += own_moment_nm;
-            state.force_n = force_n;
-            state.moment_nm = moment_nm;
+        for (segment, state) in self.segments.iter().zip(&mut self.states).rev() {
+            let (own_force_n, own_moment_nm) = state.motion.load_of(&segment.body);
+            state.force_n = force_n + own_force_n;
+            state.moment_nm = moment_nm + own_moment_nm;
+            force_n = state.rotation * state.force_n;
+            moment_nm = state.rotation * state.moment_nm + segment.origin.translation_m.cross(&force_n);
         }
+        self.carry_tip();
     }
 
-    /// Brings the segments' bodies to E.
-    pub(super) fn turn_bodies(&mut self) {
-        for (segment, state) in self.segments.iter().zip(&mut self.states) {
-            let place = Pose { rotation: state.tip.rotation.transpose(), translation_m: state.point_m };
-            state.body = segment.body.transformed(&place);
-        }
-        self.has_inertia = true;
-    }
-
-    /// Places all segments at these positions (rad), from the tip inwards.
-    fn place(&mut self, positions_rad: &[f64]) {
+    fn sines(&mut self, positions_rad: &[f64]) {
         for (sine, position_rad) in self.sines.iter_mut().zip(positions_rad) {
             *sine = position_rad.sin_cos();
         }
+    }
+
+    /// Brings the tip frame inwards from segment to segment.
+    fn carry_tip(&mut self) {
         let mut tip = self.tip;
         for (segment, state) in self.segments.iter().zip(&mut self.states).rev() {
-            state.rotation = rotation(segment, &self.sines);
             state.tip = tip;
-            state.axis = tip.rotation.row(2).transpose();
-            state.point_m = -tip.rotation.tr_mul(&tip.translation_m);
             tip.translation_m = segment.origin.translation_m + state.rotation * tip.translation_m;
             tip.rotation = state.rotation * tip.rotation;
         }
-        self.still = Motion::at_rest(&tip.rotation.tr_mul(&self.gravity_mps2));
     }
 }
 
@@ -92,4 +86,13 @@ fn rotation(segment: &Segment, sines: &[(f64, f64)]) -> Matrix3<f64> {
             Matrix3::from_columns(&[x * cos + y * sin, y * cos - x * sin, fixed.column(2).into_owned()])
         }
     }
+}
+
+/// Adds a turn about z to the motion of a frame.
+#[inline]
+fn turn(motion: &mut Motion, rate_rad_s: f64, acceleration_rad_s2: f64) {
+    let carried = motion.velocity_rad_s;
+    motion.velocity_rad_s.z += rate_rad_s;
+    motion.acceleration_rad_s2 +=
+        Vector3::new(carried.y * rate_rad_s, -carried.x * rate_rad_s, acceleration_rad_s2);
 }

@@ -19,9 +19,9 @@ impl Dynamics {
         else {
             return columns;
         };
-        let link_in_tip = self.states[segment].tip.inverse().compose(&link);
-        let motion = self.states[segment].motion.of(&link_in_tip);
-        let link_in_section = self.states[at].tip.compose(&link_in_tip);
+        let motion = self.states[segment].motion.of(&link);
+        let tip_in_link = link.inverse().compose(&self.states[segment].tip);
+        let link_in_section = self.states[at].tip.compose(&tip_in_link.inverse());
         for parameter in 0..BODY_PARAMETERS {
             let mut parameters = [0.0; BODY_PARAMETERS];
             parameters[parameter] = 1.0;

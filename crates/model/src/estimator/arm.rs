@@ -99,7 +99,7 @@ impl Arm {
         wrench: &Wrench<Tip>,
     ) -> f64 {
         let (dynamics, numbers) = &self.deviations[deviation];
-        let load = |d: &Dynamics| d.load_under(gauge, wrench);
+        let load = |d: &Dynamics| d.load(gauge) + d.load_of_tip_wrench(gauge, wrench).to_vector();
         let by_arm = compliance.dot(&(load(dynamics) - load(&self.still)));
         let own = numbers.gauges.get(gauge).map_or(0.0, |n| SVector::from(*n).dot(excitation));
         by_arm + own

@@ -27,7 +27,7 @@ pub(super) struct Four {
     /// E's axes in S, row by row, and E's origin seen from S (m).
     rotation: Rows<f64x4>,
     origin_m: Triple<f64x4>,
-    /// Load of the arm itself about E's origin, in E.
+    /// Load of the arm itself about S's origin, in S.
     force_n: Triple<f64x4>,
     moment_nm: Triple<f64x4>,
     /// Factors of a tip wrench's force and moment in their readings: counts/N, counts/Nm.
@@ -78,7 +78,7 @@ impl Four {
         let [force, moment] = &self.compliance;
         let at_tip = *force + moment.cross(&self.origin_m);
         self.rows = [self.rotation.transposed_times(&at_tip), self.rotation.transposed_times(moment)];
-        self.own_counts = self.rows[0].dot(&self.force_n) + self.rows[1].dot(&self.moment_nm);
+        self.own_counts = force.dot(&self.force_n) + moment.dot(&self.moment_nm);
     }
 
     /// A gauge's row to the tip (counts/N, counts/Nm) and what the arm's own load makes of it, counts.
@@ -91,9 +91,9 @@ impl Four {
     /// Variances that the calibrations' uncertainty gives under the arm's load and a tip wrench, counts^2; without the gauges' terms.
     #[inline]
     pub(super) fn variances(&self, wrench: &Wrench<Tip>) -> f64x4 {
-        let force = self.rotation.times(&(self.force_n + Triple::all(&wrench.force_n)));
-        let moment = self.rotation.times(&(self.moment_nm + Triple::all(&wrench.moment_nm)))
-            + self.origin_m.cross(&force);
+        let force = self.rotation.times(&Triple::all(&wrench.force_n));
+        let moment = self.rotation.times(&Triple::all(&wrench.moment_nm)) + self.origin_m.cross(&force);
+        let (force, moment) = (self.force_n + force, self.moment_nm + moment);
         let mut excited = [force.x, force.y, force.z, moment.x, moment.y, moment.z, f64x4::ONE];
         (0..FEW).for_each(|k| excited[k] -= self.found_at[k]);
         let mut sum = f64x4::ZERO;

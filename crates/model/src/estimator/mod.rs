@@ -240,8 +240,7 @@ impl WrenchEstimator {
     pub fn unexplained_counts(&self, gauge: usize, reading: &GaugeReading) -> f64 {
         let model = &self.gauges[gauge];
         let own = model.bias_counts + model.terms.counts(&reading.regressors);
-        let row = self.dynamics.row_to_tip(gauge, &model.compliance);
-        reading.counts - own - self.dynamics.felt_counts(gauge, &row)
+        reading.counts - own - model.compliance.dot(&self.dynamics.load(gauge))
     }
 
     /// Whitened parity residual of each gauge used by the last estimate: (gauge, residual in sigmas).

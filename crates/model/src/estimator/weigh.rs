@@ -165,8 +165,9 @@ impl WrenchEstimator {
 
     /// What a gauge's numbers are multiplied by in the state of the last estimate and under a tip wrench.
     pub fn excitation(&self, gauge: usize, reading: &GaugeReading, wrench: &Wrench<Tip>) -> Excitation {
+        let load = self.dynamics.load(gauge) + self.dynamics.load_of_tip_wrench(gauge, wrench).to_vector();
         let mut excitation = Excitation::zeros();
-        excitation.fixed_rows_mut::<6>(0).copy_from(&self.dynamics.load_under(gauge, wrench));
+        excitation.fixed_rows_mut::<6>(0).copy_from(&load);
         excitation[6] = 1.0;
         excitation.as_mut_slice()[7..].copy_from_slice(&reading.regressors);
         excitation
