@@ -9,6 +9,7 @@
 
 mod derivatives;
 mod flatten;
+mod inertial;
 mod outboard;
 mod pass;
 mod regressor;

@@ -11,8 +11,8 @@ pub(crate) trait Number:
 {
     /// The same number in all places.
     fn all(value: f64) -> Self;
-    /// Puts a number into one place.
-    fn put(&mut self, place: usize, value: f64);
+    /// A number for each place.
+    fn gather(of: impl Fn(usize) -> f64) -> Self;
 }
 
 impl Number for f64 {
@@ -20,9 +20,9 @@ impl Number for f64 {
     fn all(value: f64) -> Self {
         value
     }
-    #[inline]
-    fn put(&mut self, _: usize, value: f64) {
-        *self = value;
+    #[inline(always)]
+    fn gather(of: impl Fn(usize) -> f64) -> Self {
+        of(0)
     }
 }
 
@@ -31,9 +31,9 @@ impl Number for f64x2 {
     fn all(value: f64) -> Self {
         Self::splat(value)
     }
-    #[inline]
-    fn put(&mut self, place: usize, value: f64) {
-        self.as_mut_array()[place] = value;
+    #[inline(always)]
+    fn gather(of: impl Fn(usize) -> f64) -> Self {
+        Self::new([of(0), of(1)])
     }
 }
 
@@ -42,9 +42,9 @@ impl Number for f64x4 {
     fn all(value: f64) -> Self {
         Self::splat(value)
     }
-    #[inline]
-    fn put(&mut self, place: usize, value: f64) {
-        self.as_mut_array()[place] = value;
+    #[inline(always)]
+    fn gather(of: impl Fn(usize) -> f64) -> Self {
+        Self::new([of(0), of(1), of(2), of(3)])
     }
 }
 
@@ -63,12 +63,10 @@ impl<T: Number> Triple<T> {
         Self { x: T::all(vector.x), y: T::all(vector.y), z: T::all(vector.z) }
     }
 
-    /// Puts a vector into one place.
-    #[inline]
-    pub(crate) fn put(&mut self, place: usize, vector: &Vector3<f64>) {
-        self.x.put(place, vector.x);
-        self.y.put(place, vector.y);
-        self.z.put(place, vector.z);
+    /// A vector for each place.
+    #[inline(always)]
+    pub(crate) fn gather<'a>(of: impl Fn(usize) -> &'a Vector3<f64>) -> Self {
+        Self { x: T::gather(|k| of(k).x), y: T::gather(|k| of(k).y), z: T::gather(|k| of(k).z) }
     }
 
     #[inline]
@@ -130,8 +128,9 @@ impl<T: Number> Mul<T> for Triple<T> {
 impl Triple<f64x4> {
     /// The vector in one place.
     #[inline]
-    pub(crate) fn of(&self, place: usize) -> [f64; 3] {
-        [&self.x, &self.y, &self.z].map(|number| number.as_array()[place])
+    pub(crate) fn at(&self, place: usize) -> Vector3<f64> {
+        let of = |number: &f64x4| number.as_array()[place];
+        Vector3::new(of(&self.x), of(&self.y), of(&self.z))
     }
 }
 
@@ -140,18 +139,22 @@ impl Triple<f64x4> {
 pub(crate) struct Rows<T>(pub(crate) [Triple<T>; 3]);
 
 impl<T: Number> Rows<T> {
-    /// The same matrix in all places.
-    #[inline]
-    pub(crate) fn all(matrix: &Matrix3<f64>) -> Self {
-        Self([0, 1, 2].map(|i| Triple::all(&Vector3::new(matrix[(i, 0)], matrix[(i, 1)], matrix[(i, 2)]))))
+    /// A matrix for each place.
+    #[inline(always)]
+    pub(crate) fn gather<'a>(of: impl Fn(usize) -> &'a Matrix3<f64>) -> Self {
+        let at = |i: usize, c: usize| T::gather(|k| of(k)[(i, c)]);
+        Self([0, 1, 2].map(|i| Triple { x: at(i, 0), y: at(i, 1), z: at(i, 2) }))
     }
 
-    /// Puts a matrix into one place.
+    /// Its columns.
     #[inline]
-    pub(crate) fn put(&mut self, place: usize, matrix: &Matrix3<f64>) {
-        for (i, row) in self.0.iter_mut().enumerate() {
-            row.put(place, &Vector3::new(matrix[(i, 0)], matrix[(i, 1)], matrix[(i, 2)]));
-        }
+    pub(crate) fn columns(&self) -> [Triple<T>; 3] {
+        let [a, b, c] = &self.0;
+        [
+            Triple { x: a.x, y: b.x, z: c.x },
+            Triple { x: a.y, y: b.y, z: c.y },
+            Triple { x: a.z, y: b.z, z: c.z },
+        ]
     }
 
     /// Times a vector.

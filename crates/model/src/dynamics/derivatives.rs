@@ -16,11 +16,12 @@
 //! terms `z x b` are exactly those that turning the frame takes away again.
 
 use nalgebra::{Vector3, Vector6};
-use wide::f64x2;
+use wide::{f64x2, f64x4};
 
+use super::inertial::{FOUR, Inertial};
+use super::outboard::{Carried, Field, Screw, Sum};
+use super::{Dynamics, Motion};
 use crate::lanes::Triple;
-use super::outboard::{Carried, Composite, Field, Screw, Sum};
-use super::{Dynamics, Motion, Turn};
 use crate::spatial::{Pose, Tip, Wrench, join};
 
 /// Joints that are worked on at once.
@@ -29,7 +30,9 @@ const LANES: usize = 2;
 /// What the derivatives are read from: sums over the mass outboard of each segment, and what each joint's change does to it.
 #[derive(Debug, Clone)]
 pub(super) struct Derivatives {
-    composites: Vec<Composite>,
+    /// The segments, four at a time.
+    groups: Vec<Inertial>,
+    composites: Vec<Carried<f64>>,
     joints: Vec<Change>,
 }
 
@@ -51,18 +54,48 @@ impl Derivatives {
         let change = Change {
             fields: screw.fields(),
             screw,
-            outboard: Carried::all(&Composite::zero()),
+            outboard: Carried::zero(),
             load: (zero, zero),
             carried: [(zero, zero); 3],
         };
         Self {
-            composites: vec![Composite::zero(); segments],
+            groups: vec![Inertial::nothing(); segments.div_ceil(FOUR)],
+            composites: vec![Carried::zero(); segments],
             joints: vec![change; coordinates.div_ceil(LANES)],
         }
     }
 }
 
 impl Change {
+    /// Takes in how the joints of these segments lie, what loads them, and how their inboard sides move; `still` is the base's motion.
+    fn look(&mut self, groups: &[Inertial], segment: impl Fn(usize) -> usize, still: &Motion) {
+        let at = |lane: usize, of: fn(&Inertial) -> &Triple<f64x4>| {
+            of(&groups[segment(lane) / FOUR]).at(segment(lane) % FOUR)
+        };
+        let inboard = |lane: usize, of: fn(&Inertial) -> &Triple<f64x4>, base: &Vector3<f64>| {
+            segment(lane)
+                .checked_sub(1)
+                .map_or(*base, |inboard| of(&groups[inboard / FOUR]).at(inboard % FOUR))
+        };
+        let own = |of: fn(&Inertial) -> &Triple<f64x4>| {
+            let both = [at(0, of), at(1, of)];
+            Triple::gather(|lane| &both[lane])
+        };
+        let before = |of: fn(&Inertial) -> &Triple<f64x4>, base: &Vector3<f64>| {
+            let both = [inboard(0, of, base), inboard(1, of, base)];
+            Triple::gather(|lane| &both[lane])
+        };
+        self.screw = Screw {
+            axis: own(|group| &group.axis),
+            point_m: own(|group| &group.point_m),
+            rotation_rad_s: before(|group| &group.rotation_rad_s, &still.velocity_rad_s),
+            turning_rad_s2: before(|group| &group.turning_rad_s2, &still.acceleration_rad_s2),
+            proper_mps2: before(|group| &group.proper_mps2, &still.proper_mps2),
+            velocity_mps: before(|group| &group.velocity_mps, &Vector3::zeros()),
+        };
+        self.load = (own(|group| &group.force_n), own(|group| &group.moment_nm));
+    }
+
     fn find(&mut self) {
         self.fields = self.screw.fields();
         let [position, velocity, acceleration] = &self.fields;
@@ -136,7 +169,7 @@ impl Dynamics {
         row: &Vector6<f64>,
     ) -> impl Iterator<Item = [f64x2; 3]> + 'a {
         let row = [row.fixed_rows::<3>(0).into_owned(), row.fixed_rows::<3>(3).into_owned()];
-        let felt = Carried::<f64>::all(&self.derivatives.composites[self.sections[section]])
+        let felt = self.derivatives.composites[self.sections[section]]
             .felt(&Triple::all(&row[0]), &Triple::all(&row[1]));
         let twice = |t: &Triple<f64>| Triple::all(&Vector3::new(t.x, t.y, t.z));
         let felt =
@@ -164,7 +197,8 @@ impl Dynamics {
         let change = &self.derivatives.joints[coordinate / LANES];
         let (force, moment) = match self.carries(coordinate, section) {
             true => {
-                Carried::all(&self.derivatives.composites[self.sections[section]]).sum(&change.fields[of])
+                let outboard = &self.derivatives.composites[self.sections[section]];
+                Carried::gather(|_| outboard).sum(&change.fields[of])
             }
             false => change.carried[of],
         };
@@ -235,54 +269,43 @@ impl Dynamics {
         join(&force, &(tip.rotation * -moment + tip.translation_m.cross(&force)))
     }
 
-    /// Motion of what carries a segment, at E's origin in E's axes.
-    fn inboard_motion(&self, segment: usize) -> Motion {
-        match segment.checked_sub(1) {
-            None => {
-                let carried = &self.states[0];
-                let translation_m = self.segments[0].origin.translation_m;
-                let place = Pose { rotation: carried.rotation, translation_m };
-                Motion::at_rest(&self.gravity_mps2).of(&place).of(&carried.tip)
-            }
-            Some(inboard) => self.states[inboard].motion.of(&self.states[inboard].tip),
-        }
+    /// Motion of the base, at E's origin in E's axes.
+    fn base_motion(&self) -> Motion {
+        let base = Motion::at_rest(&self.gravity_mps2);
+        let Some((segment, state)) = self.segments.first().zip(self.states.first()) else { return base };
+        let place = Pose { rotation: state.rotation, translation_m: segment.origin.translation_m };
+        base.of(&place).of(&state.tip)
     }
 
     /// Sums over what is outboard of each segment, and with them what each joint carries, and how its inboard side moves.
     fn collect(&mut self) {
+        let still = self.base_motion();
+        let Derivatives { groups, composites, joints } = &mut self.derivatives;
         let (mut velocity_mps, mut before) = (Vector3::zeros(), Vector3::zeros());
-        for index in 0..self.segments.len() {
-            let state = &self.states[index];
-            let to_tip = state.tip.inverse();
-            let rotation = to_tip.rotation * state.motion.velocity_rad_s;
-            if let Turn::Coordinate(coordinate) = self.segments[index].turn {
-                let inboard = self.inboard_motion(index);
-                let (axis, point_m) = (to_tip.rotation.column(2).into_owned(), to_tip.translation_m);
-                let screw = &mut self.derivatives.joints[coordinate / LANES].screw;
-                screw.put(coordinate % LANES, &axis, &point_m, &inboard, &velocity_mps);
-                velocity_mps += point_m.cross(&(rotation - before));
-            }
-            before = rotation;
-            let body = self.segments[index].body.transformed(&to_tip);
-            self.derivatives.composites[index] = Composite::of(&body, &velocity_mps, &rotation);
+        let parts = self.segments.chunks(FOUR).zip(self.states.chunks(FOUR));
+        for (group, (segments, states)) in groups.iter_mut().zip(parts) {
+            group.look(segments, states);
+            let velocities: [Vector3<f64>; FOUR] = std::array::from_fn(|lane| {
+                // The joint's own point moves alike on both sides.
+                let rotation = group.rotation_rad_s.at(lane);
+                velocity_mps += group.point_m.at(lane).cross(&(rotation - before));
+                before = rotation;
+                velocity_mps
+            });
+            group.velocity_mps = Triple::gather(|lane| &velocities[lane]);
         }
-        self.accumulate();
-    }
-
-    /// Adds to every segment what is outboard of it, and hands the joints what they carry.
-    fn accumulate(&mut self) {
-        let Derivatives { composites, joints } = &mut self.derivatives;
-        let mut outboard = Composite::zero();
-        for ((segment, state), composite) in self.segments.iter().zip(&self.states).zip(composites).rev() {
-            outboard.add(composite);
-            *composite = outboard;
-            if let Turn::Coordinate(coordinate) = segment.turn {
-                let (joint, lane) = (&mut joints[coordinate / LANES], coordinate % LANES);
-                let at_tip = state.moment_nm - state.tip.translation_m.cross(&state.force_n);
-                joint.outboard.put(lane, &outboard);
-                joint.load.0.put(lane, &state.tip.rotation.tr_mul(&state.force_n));
-                joint.load.1.put(lane, &state.tip.rotation.tr_mul(&at_tip));
+        let mut outboard = Carried::zero();
+        for (group, composites) in groups.iter().zip(composites.chunks_mut(FOUR)).rev() {
+            let own = group.carried();
+            for (lane, composite) in composites.iter_mut().enumerate().rev() {
+                outboard.add(&own, lane);
+                *composite = outboard;
             }
+        }
+        for (pair, joint) in joints.iter_mut().enumerate() {
+            let segment = |lane: usize| self.turning[(LANES * pair + lane).min(self.coordinates - 1)];
+            joint.outboard = Carried::gather(|lane| &composites[segment(lane)]);
+            joint.look(groups, segment, &still);
         }
     }
 }

@@ -1,107 +1,103 @@
 //! Sums over the mass outboard of a joint, and the fields of acceleration that a joint's change makes there.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
+use wide::f64x4;
 
-use super::Motion;
 use crate::lanes::{Number, Rows, Triple};
-use crate::spatial::{RigidBody, skew};
 
 /// A force (N) and its moment (Nm) about E's origin, in E.
 pub(super) type Sum<T> = (Triple<T>, Triple<T>);
 
-/// Sums over the mass of a segment and of everything outboard of it, about E's origin in E's axes.
+/// Numbers of [`Carried`].
+const NUMBERS: usize = 25;
+
+/// Sums over the mass of a segment, or of it and everything outboard of it, about E's origin in E's axes: the mass, `r`, `r^2 - r r^T`, `v`
+/// and `r v^T`, in this order.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Composite {
-    pub(super) mass_kg: f64,
-    /// Sum of `r`.
-    pub(super) first_kgm: Vector3<f64>,
-    /// Sum of `r^2 - r r^T`.
-    pub(super) inertia_kgm2: Matrix3<f64>,
-    /// Sum of `v`.
-    pub(super) momentum: Vector3<f64>,
-    /// Sum of `r v^T`.
-    pub(super) velocity_moment: Matrix3<f64>,
-}
-
-impl Composite {
-    /// A body in E, with the velocity (m/s) at E's origin and the rotation (rad/s).
-    #[inline]
-    pub(super) fn of(body: &RigidBody, velocity_mps: &Vector3<f64>, rotation_rad_s: &Vector3<f64>) -> Self {
-        let RigidBody { mass_kg, first_moment_kgm: first_kgm, inertia_kgm2 } = *body;
-        // Sum of `r r^T`.
-        let second_kgm2 = Matrix3::from_diagonal_element(inertia_kgm2.trace() / 2.0) - inertia_kgm2;
-        Self {
-            mass_kg,
-            first_kgm,
-            inertia_kgm2,
-            momentum: velocity_mps * mass_kg + rotation_rad_s.cross(&first_kgm),
-            velocity_moment: first_kgm * velocity_mps.transpose() - second_kgm2 * skew(rotation_rad_s),
-        }
-    }
-
-    /// Adds another one.
-    #[inline]
-    pub(super) fn add(&mut self, other: &Self) {
-        self.mass_kg += other.mass_kg;
-        self.first_kgm += other.first_kgm;
-        self.inertia_kgm2 += other.inertia_kgm2;
-        self.momentum += other.momentum;
-        self.velocity_moment += other.velocity_moment;
-    }
-
-    pub(super) fn zero() -> Self {
-        Self {
-            mass_kg: 0.0,
-            first_kgm: Vector3::zeros(),
-            inertia_kgm2: Matrix3::zeros(),
-            momentum: Vector3::zeros(),
-            velocity_moment: Matrix3::zeros(),
-        }
-    }
-}
-
-/// The same sums for several joints at once.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Carried<T> {
-    mass_kg: T,
-    first_kgm: Triple<T>,
-    inertia_kgm2: Rows<T>,
-    momentum: Triple<T>,
-    velocity_moment: Rows<T>,
-}
+pub(super) struct Carried<T>([T; NUMBERS]);
 
 impl<T: Number> Carried<T> {
-    /// The same in all places.
+    /// Of a body with this mass (kg), first moment (kg m) and inertia (kg m^2), whose point at E's origin moves at `velocity_mps`.
     #[inline]
-    pub(super) fn all(composite: &Composite) -> Self {
-        Self {
-            mass_kg: T::all(composite.mass_kg),
-            first_kgm: Triple::all(&composite.first_kgm),
-            inertia_kgm2: Rows::all(&composite.inertia_kgm2),
-            momentum: Triple::all(&composite.momentum),
-            velocity_moment: Rows::all(&composite.velocity_moment),
+    pub(super) fn of(
+        mass_kg: T,
+        first_kgm: &Triple<T>,
+        inertia_kgm2: &Rows<T>,
+        velocity_mps: &Triple<T>,
+        rotation_rad_s: &Triple<T>,
+    ) -> Self {
+        let (h, v, [xx, yy, zz]) = (first_kgm, velocity_mps, &inertia_kgm2.0);
+        let momentum = *v * mass_kg + rotation_rad_s.cross(h);
+        // The sum of `r r^T` is half the inertia's trace less the inertia.
+        let half = inertia_kgm2.trace() * T::all(0.5);
+        let (mut x, mut y, mut z) = (-*xx, -*yy, -*zz);
+        (x.x, y.y, z.z) = (half + x.x, half + y.y, half + z.z);
+        let [x, y, z] =
+            [(h.x, x), (h.y, y), (h.z, z)].map(|(first, second)| *v * first - second.cross(rotation_rad_s));
+        let moments = [xx, yy, zz, &momentum, &x, &y, &z];
+        let mut numbers = [mass_kg; NUMBERS];
+        for (at, triple) in [h].into_iter().chain(moments).enumerate() {
+            numbers[3 * at + 1..3 * at + 4].copy_from_slice(&[triple.x, triple.y, triple.z]);
         }
+        Self(numbers)
     }
 
-    /// Puts the sums of one joint into its place.
+    /// Nothing.
+    pub(super) fn zero() -> Self {
+        Self([T::all(0.0); NUMBERS])
+    }
+
+    /// The sums of one segment for each place.
+    #[inline(always)]
+    pub(super) fn gather<'a>(of: impl Fn(usize) -> &'a Carried<f64>) -> Self {
+        Self(std::array::from_fn(|number| T::gather(|k| of(k).0[number])))
+    }
+
     #[inline]
-    pub(super) fn put(&mut self, place: usize, composite: &Composite) {
-        self.mass_kg.put(place, composite.mass_kg);
-        self.first_kgm.put(place, &composite.first_kgm);
-        self.inertia_kgm2.put(place, &composite.inertia_kgm2);
-        self.momentum.put(place, &composite.momentum);
-        self.velocity_moment.put(place, &composite.velocity_moment);
+    fn triple(&self, from: usize) -> Triple<T> {
+        Triple { x: self.0[from], y: self.0[from + 1], z: self.0[from + 2] }
+    }
+
+    #[inline]
+    fn rows(&self, from: usize) -> Rows<T> {
+        Rows([self.triple(from), self.triple(from + 3), self.triple(from + 6)])
+    }
+
+    #[inline]
+    fn mass_kg(&self) -> T {
+        self.0[0]
+    }
+
+    #[inline]
+    fn first_kgm(&self) -> Triple<T> {
+        self.triple(1)
+    }
+
+    #[inline]
+    fn inertia_kgm2(&self) -> Rows<T> {
+        self.rows(4)
+    }
+
+    #[inline]
+    fn momentum(&self) -> Triple<T> {
+        self.triple(13)
+    }
+
+    #[inline]
+    fn velocity_moment(&self) -> Rows<T> {
+        self.rows(16)
     }
 
     /// Sum of `(f, r x f)` for the field `f(r)`.
     #[inline]
     pub(super) fn sum(&self, field: &Field<T>) -> Sum<T> {
         let Field { spin, constant, turning } = field;
-        let force = spin.cross(&self.first_kgm) + *constant * self.mass_kg + turning.cross(&self.momentum);
-        let moment = self.inertia_kgm2.times(spin)
-            + self.first_kgm.cross(constant)
-            + *turning * self.velocity_moment.trace()
-            - self.velocity_moment.transposed_times(turning);
+        let force =
+            spin.cross(&self.first_kgm()) + *constant * self.mass_kg() + turning.cross(&self.momentum());
+        let moment = self.inertia_kgm2().times(spin)
+            + self.first_kgm().cross(constant)
+            + *turning * self.velocity_moment().trace()
+            - self.velocity_moment().transposed_times(turning);
         (force, moment)
     }
 
@@ -109,19 +105,27 @@ impl<T: Number> Carried<T> {
     #[inline]
     pub(super) fn sum_still(&self, field: &Field<T>) -> Sum<T> {
         let Field { spin, constant, .. } = field;
-        let force = spin.cross(&self.first_kgm) + *constant * self.mass_kg;
-        (force, self.inertia_kgm2.times(spin) + self.first_kgm.cross(constant))
+        let force = spin.cross(&self.first_kgm()) + *constant * self.mass_kg();
+        (force, self.inertia_kgm2().times(spin) + self.first_kgm().cross(constant))
     }
 
     /// What a row of counts/N and counts/Nm (for forces and moments about E's origin, in E) makes of [`Self::sum`], as a function of the field.
     #[inline]
     pub(super) fn felt(&self, force: &Triple<T>, moment: &Triple<T>) -> Field<T> {
         Field {
-            spin: self.first_kgm.cross(force) + self.inertia_kgm2.times(moment),
-            constant: *force * self.mass_kg + moment.cross(&self.first_kgm),
-            turning: self.momentum.cross(force) + *moment * self.velocity_moment.trace()
-                - self.velocity_moment.times(moment),
+            spin: self.first_kgm().cross(force) + self.inertia_kgm2().times(moment),
+            constant: *force * self.mass_kg() + moment.cross(&self.first_kgm()),
+            turning: self.momentum().cross(force) + *moment * self.velocity_moment().trace()
+                - self.velocity_moment().times(moment),
         }
+    }
+}
+
+impl Carried<f64> {
+    /// Adds those of a place of others.
+    #[inline]
+    pub(super) fn add(&mut self, others: &Carried<f64x4>, place: usize) {
+        self.0.iter_mut().zip(&others.0).for_each(|(sum, other)| *sum += other.as_array()[place]);
     }
 }
 
@@ -149,12 +153,12 @@ impl<T: Number> Field<T> {
 /// Axis of a joint and motion of its inboard side, at E's origin in E's axes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Screw<T> {
-    axis: Triple<T>,
-    point_m: Triple<T>,
-    rotation_rad_s: Triple<T>,
-    turning_rad_s2: Triple<T>,
-    proper_mps2: Triple<T>,
-    velocity_mps: Triple<T>,
+    pub(super) axis: Triple<T>,
+    pub(super) point_m: Triple<T>,
+    pub(super) rotation_rad_s: Triple<T>,
+    pub(super) turning_rad_s2: Triple<T>,
+    pub(super) proper_mps2: Triple<T>,
+    pub(super) velocity_mps: Triple<T>,
 }
 
 impl<T: Number> Screw<T> {
@@ -169,24 +173,6 @@ impl<T: Number> Screw<T> {
             proper_mps2: zero,
             velocity_mps: zero,
         }
-    }
-
-    /// Puts one joint into its place.
-    #[inline]
-    pub(super) fn put(
-        &mut self,
-        place: usize,
-        axis: &Vector3<f64>,
-        point_m: &Vector3<f64>,
-        inboard: &Motion,
-        inboard_mps: &Vector3<f64>,
-    ) {
-        self.axis.put(place, axis);
-        self.point_m.put(place, point_m);
-        self.rotation_rad_s.put(place, &inboard.velocity_rad_s);
-        self.turning_rad_s2.put(place, &inboard.acceleration_rad_s2);
-        self.proper_mps2.put(place, &inboard.proper_mps2);
-        self.velocity_mps.put(place, inboard_mps);
     }
 
     /// Change of a force and its moment about E's origin that turn about the axis (per rad).

@@ -5,7 +5,7 @@ use wide::f64x4;
 
 use super::{Excitation, GAUGE_NUMBERS, GaugeCovariance, GaugeModel, Zero};
 use crate::dynamics::Dynamics;
-use crate::lanes::{Number, Rows, Triple};
+use crate::lanes::{Rows, Triple};
 use crate::spatial::{Tip, Wrench, join};
 use crate::terms::MOST_TERMS;
 
@@ -39,7 +39,9 @@ pub(super) struct Four {
 impl Four {
     pub(super) fn new(gauges: &[GaugeModel]) -> Self {
         let zero = Triple::all(&Vector3::zeros());
-        let lanes = |of: &dyn Fn(&GaugeModel) -> f64| f64x4::new(std::array::from_fn(|lane| gauges.get(lane).map_or(0.0, of)));
+        let lanes = |of: &dyn Fn(&GaugeModel) -> f64| {
+            f64x4::new(std::array::from_fn(|lane| gauges.get(lane).map_or(0.0, of)))
+        };
         let triple = |from: usize| Triple {
             x: lanes(&|gauge| gauge.compliance[from]),
             y: lanes(&|gauge| gauge.compliance[from + 1]),
@@ -47,7 +49,9 @@ impl Four {
         };
         Self {
             compliance: [triple(0), triple(3)],
-            form: std::array::from_fn(|k| std::array::from_fn(|i| lanes(&|gauge| doubled(&gauge.covariance, i, k)))),
+            form: std::array::from_fn(|k| {
+                std::array::from_fn(|i| lanes(&|gauge| doubled(&gauge.covariance, i, k)))
+            }),
             found_at: [f64x4::ZERO; FEW],
             rotation: Rows([zero; 3]),
             origin_m: zero,
@@ -62,19 +66,17 @@ impl Four {
         for (k, found_at) in self.found_at.iter_mut().enumerate() {
             // A bias that was found again is not uncertain: all of its excitation goes.
             let of = |excitation: Excitation| if k + 1 < FEW { excitation[k] } else { 1.0 };
-            found_at.put(lane, zero.found_at.map_or(0.0, of));
+            found_at.as_mut_array()[lane] = zero.found_at.map_or(0.0, of);
         }
     }
 
     /// Takes in the state of the arm; the first gauge sits in this section, the others in those that follow.
     pub(super) fn look(&mut self, dynamics: &Dynamics, first: usize) {
-        for (lane, section) in (first..dynamics.sections()).take(FOUR).enumerate() {
-            let (tip, force_n, moment_nm) = dynamics.section(section);
-            self.rotation.put(lane, &tip.rotation);
-            self.origin_m.put(lane, &tip.translation_m);
-            self.force_n.put(lane, force_n);
-            self.moment_nm.put(lane, moment_nm);
-        }
+        let section = |lane: usize| dynamics.section((first + lane).min(dynamics.sections() - 1));
+        self.rotation = Rows::gather(|lane| &section(lane).0.rotation);
+        self.origin_m = Triple::gather(|lane| &section(lane).0.translation_m);
+        self.force_n = Triple::gather(|lane| section(lane).1);
+        self.moment_nm = Triple::gather(|lane| section(lane).2);
         let [force, moment] = &self.compliance;
         let at_tip = *force + moment.cross(&self.origin_m);
         self.rows = [self.rotation.transposed_times(&at_tip), self.rotation.transposed_times(moment)];
@@ -84,7 +86,7 @@ impl Four {
     /// A gauge's row to the tip (counts/N, counts/Nm) and what the arm's own load makes of it, counts.
     #[inline]
     pub(super) fn row(&self, lane: usize) -> (Vector6<f64>, f64) {
-        let [force, moment] = self.rows.map(|row| Vector3::from(row.of(lane)));
+        let [force, moment] = self.rows.map(|row| row.at(lane));
         (join(&force, &moment), self.own_counts.as_array()[lane])
     }
 

@@ -286,7 +286,8 @@ impl WrenchEstimator {
     fn row(&self, gauge: usize, reading: &GaugeReading) -> Row {
         let model = &self.gauges[gauge];
         let (tip, own_counts) = self.fours[gauge / FOUR].row(gauge % FOUR);
-        let zero = model.bias_counts + model.terms.counts(&reading.regressors) + self.zeros[gauge].shift_counts;
+        let zero =
+            model.bias_counts + model.terms.counts(&reading.regressors) + self.zeros[gauge].shift_counts;
         let value = reading.counts - zero - own_counts;
         Row { gauge, tip, value, reading: *reading }
     }

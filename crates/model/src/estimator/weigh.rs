@@ -103,8 +103,8 @@ impl WrenchEstimator {
             let tip: [f64x2; 6] = std::array::from_fn(|c| f64x2::splat(row.tip[c]));
             let joints = self.turned.iter().zip(&self.roots).enumerate().skip(inboard / 2);
             for (pair, (turned, roots)) in joints {
-                let halves =
-                    [0, 3].map(|c| tip[c] * turned[c] + tip[c + 1] * turned[c + 1] + tip[c + 2] * turned[c + 2]);
+                let halves = [0, 3]
+                    .map(|c| tip[c] * turned[c] + tip[c + 1] * turned[c + 1] + tip[c + 2] * turned[c + 2]);
                 let errors = ((halves[0] + halves[1]) * roots.first[0]).to_array();
                 for joint in (2 * pair..2 * pair + 2).filter(|joint| *joint >= inboard) {
                     self.turning[stride * joint + at / 4].as_mut_array()[at % 4] += errors[joint % 2];
