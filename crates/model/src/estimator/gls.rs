@@ -295,15 +295,17 @@ fn eliminate<const FOURS: usize>(covariance: &mut [f64x4], rows: &mut [Row]) -> 
         if !(left > 0.0 && left < f64::INFINITY) {
             return false;
         }
-        let reciprocal = f64x4::splat(left.sqrt().recip());
-        *mine = mine.map(|four| four * reciprocal);
-        white.0 = white.0.map(|four| four * reciprocal);
+        // The next row waits for a quotient alone, not for a root as well.
+        let reciprocal = left.recip();
         for (i, (row, other)) in (k + 1..).zip(after.iter_mut().zip(others)) {
-            let share = mine[i / 4].as_array()[i % 4];
+            let share = mine[i / 4].as_array()[i % 4] * reciprocal;
             other.add(-share, white);
             let share = f64x4::splat(share);
             (0..FOURS).for_each(|at| row[at] -= share * mine[at]);
         }
+        let scale = f64x4::splat(reciprocal.sqrt());
+        *mine = mine.map(|four| four * scale);
+        white.0 = white.0.map(|four| four * scale);
     }
     true
 }

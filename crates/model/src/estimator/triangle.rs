@@ -101,10 +101,11 @@ impl Triangle {
 
     /// The unknowns, by substitution backwards.
     pub(super) fn solution(&self) -> [f64; 6] {
-        let mut x = [0.0; 6];
-        for i in (0..6).rev() {
-            let known: f64 = (i + 1..6).map(|k| self.rows[i].at(k) * x[k]).sum();
-            x[i] = (self.rows[i].target() - known) / self.diagonal[i];
+        let reciprocals = self.diagonal.map(f64::recip);
+        let mut x: [f64; 6] = std::array::from_fn(|i| self.rows[i].target());
+        for k in (0..6).rev() {
+            x[k] *= reciprocals[k];
+            (0..k).for_each(|i| x[i] -= self.rows[i].at(k) * x[k]);
         }
         x
     }
@@ -128,10 +129,16 @@ impl Triangle {
 /// `K` are left without meaning, those before `HALF` fours as they were.
 fn reflect<const K: usize, const HALF: usize>(rows: &mut [Row]) -> f64 {
     // Products of column K with all columns: with itself the length, squared.
-    let mut along = Row::default();
-    for row in rows.iter() {
-        along.add_from::<HALF>(f64x4::splat(row.at(K)), row);
+    let (pairs, rest) = rows.as_chunks::<2>();
+    let mut sums = [Row::default(); 2];
+    for pair in pairs {
+        (0..2).for_each(|k| sums[k].add_from::<HALF>(f64x4::splat(pair[k].at(K)), &pair[k]));
     }
+    for row in rest {
+        sums[0].add_from::<HALF>(f64x4::splat(row.at(K)), row);
+    }
+    let mut along = sums[0];
+    along.add_from::<HALF>(f64x4::ONE, &sums[1]);
     let (lead, length2) = (rows[0].at(K), along.at(K));
     // Away from the lead, so that nothing cancels.
     let diagonal = -length2.sqrt().copysign(lead);
