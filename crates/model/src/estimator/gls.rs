@@ -7,6 +7,7 @@
 use nalgebra::{Matrix6, Vector6};
 use wide::f64x4;
 
+use super::covariance;
 use super::redundancy::Redundancy;
 use super::singular::singular_values;
 use super::triangle::{Row, Triangle};
@@ -32,9 +33,6 @@ pub struct Gls {
     /// Fours of columns of a row.
     fours: usize,
 }
-
-/// Lengths of a covariance's rows are known to the compiler, in fours: 2, 4, 16, or this at most.
-const MOST_FOURS: usize = 64;
 
 /// Ratio of smallest to largest singular value below which a direction counts as not seen at all.
 const RANK_TOLERANCE: f64 = 1e-10;
@@ -66,9 +64,7 @@ pub enum NoFit {
 impl Gls {
     /// For up to `capacity` rows, and at most 256.
     pub fn new(capacity: usize) -> Self {
-        let capacity = capacity.min(4 * MOST_FOURS);
-        let needed = capacity.div_ceil(4);
-        let fours = [2, 4, 16].into_iter().find(|fours| *fours >= needed).unwrap_or(MOST_FOURS);
+        let (capacity, fours) = covariance::room(capacity);
         let square = vec![f64x4::ZERO; capacity * fours];
         Self {
             fours,
@@ -101,7 +97,7 @@ impl Gls {
         self.rows.clear();
         self.common.0.fill(f64x4::ZERO);
         self.common.1 = self.capacity;
-        add(&mut self.common.0, self.fours, effects, self.capacity);
+        covariance::add_products(&mut self.common.0, self.fours, effects, self.capacity);
     }
 
     /// Forgets all rows, but not what [`Self::begin`] set.
@@ -140,7 +136,7 @@ impl Gls {
     /// Adds to the covariance of the rows what moves several of them together: independent errors of unit variance, of which
     /// `effects` says what they do to the rows, error by error, four rows at a time and as many fours as there is room for rows.
     pub fn share(&mut self, effects: &[f64x4]) {
-        add(&mut self.covariance, self.fours, effects, self.rows.len());
+        covariance::add_products(&mut self.covariance, self.fours, effects, self.rows.len());
     }
 
     /// Adds to the variance of one row.
@@ -265,12 +261,7 @@ impl Gls {
         let numbers = self.rows.len() * self.fours;
         self.factor[..numbers].copy_from_slice(&self.covariance[..numbers]);
         let (factor, whitened) = (&mut self.factor[..numbers], &mut self.whitened[..]);
-        let done = match self.fours {
-            2 => eliminate::<2>(factor, whitened),
-            4 => eliminate::<4>(factor, whitened),
-            16 => eliminate::<16>(factor, whitened),
-            _ => eliminate::<MOST_FOURS>(factor, whitened),
-        };
+        let done = covariance::eliminate(factor, self.fours, whitened);
         if done { Ok(()) } else { Err(NoFit::NotFinite) }
     }
 
@@ -281,56 +272,6 @@ impl Gls {
             let [a, b] = [row.0[0] * unknowns.0[0], row.0[1] * unknowns.0[1]];
             row.target() - (a + b).reduce_add()
         }));
-    }
-}
-
-/// Turns a covariance into its Cholesky factor, transposed, and rows into whitened ones; false where it is not positive, or not a number.
-fn eliminate<const FOURS: usize>(covariance: &mut [f64x4], rows: &mut [Row]) -> bool {
-    let covariance = covariance.as_chunks_mut::<FOURS>().0;
-    for k in 0..rows.len().min(covariance.len()) {
-        let ((done, after), (white, others)) = (covariance.split_at_mut(k + 1), rows.split_at_mut(k + 1));
-        let (mine, white) = (&mut done[k], &mut white[k]);
-        let left = mine[k / 4].as_array()[k % 4];
-        // Also false for what is not a number.
-        if !(left > 0.0 && left < f64::INFINITY) {
-            return false;
-        }
-        // The next row waits for a quotient alone, not for a root as well.
-        let reciprocal = left.recip();
-        for (i, (row, other)) in (k + 1..).zip(after.iter_mut().zip(others)) {
-            let share = mine[i / 4].as_array()[i % 4] * reciprocal;
-            other.add(-share, white);
-            let share = f64x4::splat(share);
-            (0..FOURS).for_each(|at| row[at] -= share * mine[at]);
-        }
-        let scale = f64x4::splat(reciprocal.sqrt());
-        *mine = mine.map(|four| four * scale);
-        white.0 = white.0.map(|four| four * scale);
-    }
-    true
-}
-
-/// Adds to the upper triangle of a matrix the products of what errors do to its first so many rows.
-fn add_products<const FOURS: usize>(matrix: &mut [f64x4], effects: &[f64x4], rows: usize) {
-    let (matrix, effects) = (matrix.as_chunks_mut::<FOURS>().0, effects.as_chunks::<FOURS>().0);
-    for (k, row) in matrix.iter_mut().take(rows).enumerate() {
-        let (four, lane) = (k / 4, k % 4);
-        let mut sums = *row;
-        for effect in effects {
-            let own = f64x4::splat(effect[four].as_array()[lane]);
-            (0..FOURS).for_each(|at| sums[at] += own * effect[at]);
-        }
-        *row = sums;
-    }
-}
-
-/// The same for matrices of which a row is so many fours.
-fn add(matrix: &mut [f64x4], fours: usize, effects: &[f64x4], rows: usize) {
-    match fours {
-        2 => add_products::<2>(matrix, effects, rows),
-        4 => add_products::<4>(matrix, effects, rows),
-        16 => add_products::<16>(matrix, effects, rows),
-        _ => add_products::<MOST_FOURS>(matrix, effects, rows),
     }
 }
 

@@ -12,6 +12,7 @@
 //! The parity residual is what six unknowns cannot explain of more than six gauges.
 
 mod arm;
+mod covariance;
 mod four;
 mod gls;
 mod redundancy;
