@@ -9,6 +9,7 @@
 
 mod derivatives;
 mod flatten;
+mod inertial;
 mod outboard;
 mod pass;
 mod regressor;
@@ -114,6 +115,8 @@ pub struct Dynamics {
     tip: Pose,
     /// What the last segment carries without a payload.
     unloaded: RigidBody,
+    /// How many of the coordinates, in the order of the chain, lie inboard of a section, per section.
+    inboard: Vec<usize>,
     /// Per coordinate its segment.
     turning: Vec<usize>,
     sines: Vec<(f64, f64)>,
@@ -148,6 +151,13 @@ impl Dynamics {
     pub fn load(&self, section: usize) -> Vector6<f64> {
         let state = &self.states[self.sections[section]];
         join(&state.force_n, &state.moment_nm)
+    }
+
+    /// The tip frame E seen from a section's frame S (m), and the section's load as force (N) and moment (Nm) about S, in S.
+    #[inline]
+    pub(crate) fn section(&self, section: usize) -> (&Pose, &Vector3<f64>, &Vector3<f64>) {
+        let state = &self.states[self.sections[section]];
+        (&state.tip, &state.force_n, &state.moment_nm)
     }
 
     /// The tip frame E seen from a section's frame S (m): its rotation takes components in E to components in S.

@@ -10,6 +10,7 @@ pub mod chain;
 pub mod dynamics;
 mod error;
 pub mod estimator;
+mod lanes;
 pub mod motion;
 pub mod sensing;
 pub mod spatial;

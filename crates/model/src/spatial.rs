@@ -216,17 +216,27 @@ impl RigidBody {
     /// The same body (kg, kg m, kg m^2) described in the parent frame of `pose`, about the parent's origin.
     #[must_use]
     pub fn transformed(&self, pose: &Pose) -> Self {
-        let turned = pose.rotation * self.first_moment_kgm;
-        let shift = pose.translation_m;
-        let coupling = shift * turned.transpose();
+        let (rotation, shift) = (&pose.rotation, &pose.translation_m);
+        let turned = rotation * self.first_moment_kgm;
+        let left = rotation * self.inertia_kgm2;
+        // With `s = h + p m / 2` the shift adds `2 p.s - p s' - s p'`.
+        let half = turned + shift * (self.mass_kg / 2.0);
+        let along = shift.component_mul(&half) * 2.0;
+        let entry = |i: usize, k: usize| {
+            (left[(i, 0)] * rotation[(k, 0)] + left[(i, 1)] * rotation[(k, 1)])
+                + left[(i, 2)] * rotation[(k, 2)]
+        };
+        let beside = |i: usize, k: usize| entry(i, k) - (shift[i] * half[k] + half[i] * shift[k]);
+        let (xy, xz, yz) = (beside(0, 1), beside(0, 2), beside(1, 2));
+        let (xx, yy, zz) = (
+            entry(0, 0) + along.y + along.z,
+            entry(1, 1) + along.x + along.z,
+            entry(2, 2) + along.x + along.y,
+        );
         Self {
             mass_kg: self.mass_kg,
             first_moment_kgm: turned + shift * self.mass_kg,
-            inertia_kgm2: pose.rotation * self.inertia_kgm2 * pose.rotation.transpose()
-                + Matrix3::identity() * (2.0 * shift.dot(&turned))
-                - coupling
-                - coupling.transpose()
-                + point_inertia(&shift) * self.mass_kg,
+            inertia_kgm2: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
         }
     }
 

@@ -23,7 +23,7 @@ const PATHS: [(&str, &str, f64); 4] = [
     ("parse", "a frame, from a line of candump", 1050.0),
     ("decode", "a frame, to its signals", 250.0),
     ("assemble", "a round of frames, to a snapshot", 18_000.0),
-    ("tick", "a round of frames, to a wrench", 255_000.0),
+    ("tick", "a round of frames, to a wrench", 180_000.0),
 ];
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;

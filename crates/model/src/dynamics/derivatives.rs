@@ -16,37 +16,107 @@
 //! terms `z x b` are exactly those that turning the frame takes away again.
 
 use nalgebra::{Vector3, Vector6};
+use wide::{f64x2, f64x4};
 
-use super::outboard::{Composite, Field, Screw, Sum};
-use super::{Dynamics, Motion, Turn};
+use super::inertial::{FOUR, Inertial};
+use super::outboard::{Carried, Field, Screw, Sum};
+use super::{Dynamics, Motion};
+use crate::lanes::Triple;
 use crate::spatial::{Pose, Tip, Wrench, join};
+
+/// Joints that are worked on at once.
+const LANES: usize = 2;
 
 /// What the derivatives are read from: sums over the mass outboard of each segment, and what each joint's change does to it.
 #[derive(Debug, Clone)]
 pub(super) struct Derivatives {
-    composites: Vec<Composite>,
+    /// The segments, four at a time.
+    groups: Vec<Inertial>,
+    composites: Vec<Carried<f64>>,
     joints: Vec<Change>,
 }
 
-/// A joint's change: the fields of acceleration by its position, velocity and acceleration, and their sums over all that it carries.
+/// Two neighbouring joints' change: the fields of acceleration by position, velocity and acceleration, and their sums over all that is carried.
 #[derive(Debug, Clone)]
 struct Change {
-    screw: Screw,
-    fields: [Field; 3],
-    carried: [Sum; 3],
+    screw: Screw<f64x2>,
+    outboard: Carried<f64x2>,
+    /// The load of all that is carried: force and moment about E's origin, in E.
+    load: Sum<f64x2>,
+    fields: [Field<f64x2>; 3],
+    carried: [Sum<f64x2>; 3],
 }
 
 impl Derivatives {
     pub(super) fn new(segments: usize, coordinates: usize) -> Self {
-        let screw = Screw {
-            axis: Vector3::z(),
-            point_m: Vector3::zeros(),
-            inboard: Motion::at_rest(&Vector3::zeros()),
-            inboard_mps: Vector3::zeros(),
+        let zero = Triple::all(&Vector3::zeros());
+        let screw = Screw::unmoved();
+        let change = Change {
+            fields: screw.fields(),
+            screw,
+            outboard: Carried::zero(),
+            load: (zero, zero),
+            carried: [(zero, zero); 3],
         };
-        let nothing = (Vector3::zeros(), Vector3::zeros());
-        let change = Change { screw, fields: screw.fields(), carried: [nothing; 3] };
-        Self { composites: vec![Composite::zero(); segments], joints: vec![change; coordinates] }
+        Self {
+            groups: vec![Inertial::nothing(); segments.div_ceil(FOUR)],
+            composites: vec![Carried::zero(); segments],
+            joints: vec![change; coordinates.div_ceil(LANES)],
+        }
+    }
+}
+
+impl Change {
+    /// Takes in how the joints of these segments lie, what loads them, and how their inboard sides move; `still` is the base's motion.
+    fn look(&mut self, groups: &[Inertial], segment: impl Fn(usize) -> usize, still: &Motion) {
+        let at = |lane: usize, of: fn(&Inertial) -> &Triple<f64x4>| {
+            of(&groups[segment(lane) / FOUR]).at(segment(lane) % FOUR)
+        };
+        let inboard = |lane: usize, of: fn(&Inertial) -> &Triple<f64x4>, base: &Vector3<f64>| {
+            segment(lane)
+                .checked_sub(1)
+                .map_or(*base, |inboard| of(&groups[inboard / FOUR]).at(inboard % FOUR))
+        };
+        let own = |of: fn(&Inertial) -> &Triple<f64x4>| {
+            let both = [at(0, of), at(1, of)];
+            Triple::gather(|lane| &both[lane])
+        };
+        let before = |of: fn(&Inertial) -> &Triple<f64x4>, base: &Vector3<f64>| {
+            let both = [inboard(0, of, base), inboard(1, of, base)];
+            Triple::gather(|lane| &both[lane])
+        };
+        self.screw = Screw {
+            axis: own(|group| &group.axis),
+            point_m: own(|group| &group.point_m),
+            rotation_rad_s: before(|group| &group.rotation_rad_s, &still.velocity_rad_s),
+            turning_rad_s2: before(|group| &group.turning_rad_s2, &still.acceleration_rad_s2),
+            proper_mps2: before(|group| &group.proper_mps2, &still.proper_mps2),
+            velocity_mps: before(|group| &group.velocity_mps, &Vector3::zeros()),
+        };
+        self.load = (own(|group| &group.force_n), own(|group| &group.moment_nm));
+    }
+
+    fn find(&mut self) {
+        self.fields = self.screw.fields();
+        let [position, velocity, acceleration] = &self.fields;
+        let (force, moment) = self.outboard.sum(position);
+        // What is carried turns along.
+        let (turned_force, turned_moment) = self.screw.turned(&self.load.0, &self.load.1);
+        let by_position = (force - turned_force, moment - turned_moment);
+        self.carried = [by_position, self.outboard.sum(velocity), self.outboard.sum_still(acceleration)];
+    }
+
+    /// What a row makes of the change where the joints carry its section, and what it senses is that function of fields.
+    #[inline]
+    fn inboard(&self, felt: &Field<f64x2>) -> [f64x2; 3] {
+        let [position, velocity, acceleration] = &self.fields;
+        [-felt.dot(position), -felt.dot(velocity), -felt.dot_still(acceleration)]
+    }
+
+    /// The same where the joints lie outboard of it.
+    #[inline]
+    fn outboard(&self, (force, moment): &Sum<f64x2>) -> [f64x2; 3] {
+        self.carried.map(|(f, m)| -(force.dot(&f) + moment.dot(&m)))
     }
 }
 
@@ -56,14 +126,7 @@ impl Dynamics {
     /// Exact; does not allocate; about as long as the update itself.
     pub fn differentiate(&mut self) {
         self.collect();
-        for coordinate in 0..self.coordinates {
-            let turned = self.turned_load(coordinate);
-            let Derivatives { composites, joints } = &mut self.derivatives;
-            let (carried, joint) = (&composites[self.turning[coordinate]], &mut joints[coordinate]);
-            joint.fields = joint.screw.fields();
-            joint.carried = joint.fields.each_ref().map(|field| carried.sum(field));
-            joint.carried[0] = add(joint.carried[0], turned);
-        }
+        self.derivatives.joints.iter_mut().for_each(Change::find);
     }
 
     /// Derivative of a section's load (in S) by a coordinate: N/rad, Nm/rad; as of the last `differentiate`.
@@ -93,12 +156,34 @@ impl Dynamics {
         section: usize,
         row: &Vector6<f64>,
     ) -> impl Iterator<Item = [f64; 3]> + 'a {
-        let (force, moment) = (row.fixed_rows::<3>(0).into_owned(), row.fixed_rows::<3>(3).into_owned());
-        let felt = self.derivatives.composites[self.sections[section]].felt(&force, &moment);
-        self.derivatives.joints.iter().enumerate().map(move |(coordinate, change)| {
-            match self.carries(coordinate, section) {
-                true => change.fields.each_ref().map(|field| -felt.of(field)),
-                false => change.carried.map(|(f, m)| -(force.dot(&f) + moment.dot(&m))),
+        let pairs = self.row_by_motion_of_two(section, row);
+        let joints = pairs.flat_map(|pair| [0, 1].map(|lane| pair.map(|part| part.as_array()[lane])));
+        joints.take(self.coordinates)
+    }
+
+    /// The same for two joints at a time; behind the last joint comes what means nothing, where their number is odd.
+    #[inline]
+    pub(crate) fn row_by_motion_of_two<'a>(
+        &'a self,
+        section: usize,
+        row: &Vector6<f64>,
+    ) -> impl Iterator<Item = [f64x2; 3]> + 'a {
+        let row = [row.fixed_rows::<3>(0).into_owned(), row.fixed_rows::<3>(3).into_owned()];
+        let felt = self.derivatives.composites[self.sections[section]]
+            .felt(&Triple::all(&row[0]), &Triple::all(&row[1]));
+        let twice = |t: &Triple<f64>| Triple::all(&Vector3::new(t.x, t.y, t.z));
+        let felt =
+            Field { spin: twice(&felt.spin), constant: twice(&felt.constant), turning: twice(&felt.turning) };
+        let row = (Triple::all(&row[0]), Triple::all(&row[1]));
+        let inboard = self.inboard_coordinates(section);
+        self.derivatives.joints.iter().enumerate().map(move |(pair, change)| {
+            match inboard.saturating_sub(LANES * pair) {
+                0 => change.outboard(&row),
+                1 => {
+                    let (first, second) = (change.inboard(&felt), change.outboard(&row));
+                    std::array::from_fn(|k| f64x2::new([first[k].as_array()[0], second[k].as_array()[1]]))
+                }
+                _ => change.inboard(&felt),
             }
         })
     }
@@ -109,27 +194,52 @@ impl Dynamics {
     }
 
     fn derivative(&self, section: usize, coordinate: usize, of: usize) -> Vector6<f64> {
-        let change = &self.derivatives.joints[coordinate];
-        let sum = match self.carries(coordinate, section) {
-            true => self.derivatives.composites[self.sections[section]].sum(&change.fields[of]),
+        let change = &self.derivatives.joints[coordinate / LANES];
+        let (force, moment) = match self.carries(coordinate, section) {
+            true => {
+                let outboard = &self.derivatives.composites[self.sections[section]];
+                Carried::gather(|_| outboard).sum(&change.fields[of])
+            }
             false => change.carried[of],
         };
-        self.reaction(section, sum)
+        self.reaction(section, (force.at(coordinate % LANES), moment.at(coordinate % LANES)))
     }
 
     /// Change by a coordinate of a tip wrench, constant in E, as a section inboard of the joint feels it: N/rad, Nm/rad about E's origin,
     /// in E as it was. Needs a `differentiate` at this state.
     #[must_use]
     pub fn turned_wrench(&self, coordinate: usize, wrench: &Wrench<Tip>) -> Vector6<f64> {
-        let (force, moment) =
-            self.derivatives.joints[coordinate].screw.turned(&wrench.force_n, &wrench.moment_nm);
-        join(&force, &moment)
+        let (force, moment) = self.turned_by_two(coordinate / LANES, wrench);
+        join(&force.at(coordinate % LANES), &moment.at(coordinate % LANES))
+    }
+
+    /// The same for every two joints.
+    pub(crate) fn turned_wrenches<'a>(
+        &'a self,
+        wrench: &'a Wrench<Tip>,
+    ) -> impl Iterator<Item = [f64x2; 6]> + 'a {
+        (0..self.derivatives.joints.len()).map(|pair| {
+            let (force, moment) = self.turned_by_two(pair, wrench);
+            [force.x, force.y, force.z, moment.x, moment.y, moment.z]
+        })
+    }
+
+    #[inline]
+    fn turned_by_two(&self, pair: usize, wrench: &Wrench<Tip>) -> Sum<f64x2> {
+        let screw = &self.derivatives.joints[pair].screw;
+        screw.turned(&Triple::all(&wrench.force_n), &Triple::all(&wrench.moment_nm))
     }
 
     /// Whether a joint's turning turns a tip wrench against a section: it lies outboard of it.
     #[must_use]
     pub fn turns_tip(&self, coordinate: usize, section: usize) -> bool {
         !self.carries(coordinate, section)
+    }
+
+    /// How many coordinates lie inboard of a section and turn it as a whole: the first ones.
+    #[must_use]
+    pub fn inboard_coordinates(&self, section: usize) -> usize {
+        self.inboard[section]
     }
 
     /// Derivative by a coordinate of what a tip wrench, constant in E, adds to a section's load (in S): N/rad, Nm/rad.
@@ -145,72 +255,57 @@ impl Dynamics {
         if self.carries(coordinate, section) {
             return Vector6::zeros();
         }
-        let turned = self.derivatives.joints[coordinate].screw.turned(&wrench.force_n, &wrench.moment_nm);
-        -self.reaction(section, turned)
-    }
-
-    /// Change by a coordinate of the sum of `(b, r x b)` outboard of its joint, as far as it turns along.
-    fn turned_load(&self, coordinate: usize) -> Sum {
-        let state = &self.states[self.turning[coordinate]];
-        let at_tip = state.moment_nm - state.tip.translation_m.cross(&state.force_n);
-        let (force, moment) = (state.tip.rotation.tr_mul(&state.force_n), state.tip.rotation.tr_mul(&at_tip));
-        self.derivatives.joints[coordinate].screw.turned(&-force, &-moment)
+        let turned = self.turned_wrench(coordinate, wrench);
+        -self.reaction(
+            section,
+            (turned.fixed_rows::<3>(0).into_owned(), turned.fixed_rows::<3>(3).into_owned()),
+        )
     }
 
     /// Load in S that answers a sum of `(b, r x b)` given in E: shifted, turned and reversed.
-    fn reaction(&self, section: usize, (force, moment): Sum) -> Vector6<f64> {
+    fn reaction(&self, section: usize, (force, moment): (Vector3<f64>, Vector3<f64>)) -> Vector6<f64> {
         let tip = self.tip_in_section(section);
         let force = tip.rotation * -force;
         join(&force, &(tip.rotation * -moment + tip.translation_m.cross(&force)))
     }
 
-    /// Motion of what carries a segment, at E's origin in E's axes.
-    fn inboard(&self, segment: usize) -> Motion {
-        let carried = &self.states[segment];
-        let place =
-            Pose { rotation: carried.rotation, translation_m: self.segments[segment].origin.translation_m };
-        match segment.checked_sub(1) {
-            None => Motion::at_rest(&self.gravity_mps2).of(&place).of(&carried.tip),
-            Some(inboard) => self.states[inboard].motion.of(&self.states[inboard].tip),
-        }
+    /// Motion of the base, at E's origin in E's axes.
+    fn base_motion(&self) -> Motion {
+        let base = Motion::at_rest(&self.gravity_mps2);
+        let Some((segment, state)) = self.segments.first().zip(self.states.first()) else { return base };
+        let place = Pose { rotation: state.rotation, translation_m: segment.origin.translation_m };
+        base.of(&place).of(&state.tip)
     }
 
+    /// Sums over what is outboard of each segment, and with them what each joint carries, and how its inboard side moves.
     fn collect(&mut self) {
-        let (mut velocity_mps, mut inboard) = (Vector3::zeros(), Vector3::zeros());
-        for index in 0..self.segments.len() {
-            let tip = self.states[index].tip;
-            let to_tip = tip.inverse();
-            let rotation = tip.rotation.tr_mul(&self.states[index].motion.velocity_rad_s);
-            if let Turn::Coordinate(coordinate) = self.segments[index].turn {
-                self.derivatives.joints[coordinate].screw = Screw {
-                    axis: to_tip.rotation * Vector3::z(),
-                    point_m: to_tip.translation_m,
-                    inboard: self.inboard(index),
-                    inboard_mps: velocity_mps,
-                };
-                velocity_mps += to_tip.translation_m.cross(&(rotation - inboard));
+        let still = self.base_motion();
+        let Derivatives { groups, composites, joints } = &mut self.derivatives;
+        let (mut velocity_mps, mut before) = (Vector3::zeros(), Vector3::zeros());
+        let parts = self.segments.chunks(FOUR).zip(self.states.chunks(FOUR));
+        for (group, (segments, states)) in groups.iter_mut().zip(parts) {
+            group.look(segments, states);
+            let velocities: [Vector3<f64>; FOUR] = std::array::from_fn(|lane| {
+                // The joint's own point moves alike on both sides.
+                let rotation = group.rotation_rad_s.at(lane);
+                velocity_mps += group.point_m.at(lane).cross(&(rotation - before));
+                before = rotation;
+                velocity_mps
+            });
+            group.velocity_mps = Triple::gather(|lane| &velocities[lane]);
+        }
+        let mut outboard = Carried::zero();
+        for (group, composites) in groups.iter().zip(composites.chunks_mut(FOUR)).rev() {
+            let own = group.carried();
+            for (lane, composite) in composites.iter_mut().enumerate().rev() {
+                outboard.add(&own, lane);
+                *composite = outboard;
             }
-            inboard = rotation;
-            self.derivatives.composites[index] =
-                Composite::of(&self.segments[index].body, &to_tip, &velocity_mps, &rotation);
         }
-        self.accumulate();
-    }
-
-    /// Adds to every segment what is outboard of it.
-    fn accumulate(&mut self) {
-        let mut outboard = Composite::zero();
-        for composite in self.derivatives.composites.iter_mut().rev() {
-            outboard.mass_kg += composite.mass_kg;
-            outboard.first_kgm += composite.first_kgm;
-            outboard.inertia_kgm2 += composite.inertia_kgm2;
-            outboard.momentum += composite.momentum;
-            outboard.velocity_moment += composite.velocity_moment;
-            *composite = outboard;
+        for (pair, joint) in joints.iter_mut().enumerate() {
+            let segment = |lane: usize| self.turning[(LANES * pair + lane).min(self.coordinates - 1)];
+            joint.outboard = Carried::gather(|lane| &composites[segment(lane)]);
+            joint.look(groups, segment, &still);
         }
     }
-}
-
-fn add((force, moment): Sum, (other_force, other_moment): Sum) -> Sum {
-    (force + other_force, moment + other_moment)
 }

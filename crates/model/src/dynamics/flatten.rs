@@ -38,7 +38,10 @@ pub(super) fn flatten(chain: &Chain, sections: &[Section]) -> Dynamics {
             turning[coordinate] = index;
         }
     }
+    debug_assert!(turning.is_sorted(), "coordinates are counted from base to tip");
+    let inboard = |section: &usize| turning.iter().filter(|segment| *segment <= section).count();
     let mut dynamics = Dynamics {
+        inboard: flat.sections.iter().map(inboard).collect(),
         gravity_mps2: chain.gravity_mps2,
         coordinates,
         states: flat.segments.iter().map(|segment| at_zero(segment, &chain.gravity_mps2)).collect(),

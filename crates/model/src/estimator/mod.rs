@@ -12,13 +12,21 @@
 //! The parity residual is what six unknowns cannot explain of more than six gauges.
 
 mod arm;
+mod covariance;
+mod four;
 mod gls;
 mod redundancy;
+mod singular;
+#[cfg(test)]
+mod tests;
+mod triangle;
+mod weigh;
 mod zero;
 
 pub use arm::{ArmModel, Deviation};
-pub use gls::{Estimate, Fit, Gls, NoFit, singular_values};
+pub use gls::{Fit, Gls, NoFit};
 pub use redundancy::Redundancy;
+pub use singular::singular_values;
 pub use zero::Zero;
 
 use crate::chain::{Chain, Section};
@@ -28,7 +36,10 @@ use crate::sensing::CHARACTERISTIC_LENGTH_M;
 use crate::spatial::{RigidBody, Tip, Wrench};
 use crate::terms::{GaugeTerms, MOST_TERMS, Regressors};
 use arm::Arm;
-use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector6};
+use four::{FOUR, Four, TermsForm};
+use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
+use weigh::MotionRoots;
+use wide::{f64x2, f64x4};
 
 /// Numbers of one gauge: six sensitivities, bias, terms.
 pub const GAUGE_NUMBERS: usize = 7 + MOST_TERMS;
@@ -132,14 +143,22 @@ pub struct WrenchEstimator {
     encoders_rad: Vec<f64>,
     /// Gauges that have a reading at this instant.
     present: Vec<Row>,
-    /// What each row senses of each joint's position, velocity and acceleration, row by row: counts s^k/rad.
-    by_motion: Vec<[f64; 3]>,
-    /// Each joint's uncertain motion as independent errors (position, velocity, acceleration).
-    roots: Vec<[[f64; 3]; 3]>,
-    /// How each joint's position turns the wrench against what is inboard of it.
-    turned: Vec<Vector6<f64>>,
-    /// What errors of unit variance that move rows together do to each, row by row, counts.
-    shared: Vec<f64>,
+    /// The gauges, four at a time, and what their terms add.
+    fours: Vec<Four>,
+    terms_forms: Vec<TermsForm>,
+    /// Variances by the calibration, four gauges at a time, counts^2.
+    by_calibration: Vec<f64x4>,
+    /// Whether a gauge assumes what it never saw.
+    needs_covariance: bool,
+    /// The joints' uncertain motion as independent errors, two joints at a time.
+    roots: Vec<MotionRoots>,
+    /// How the joints' positions turn the wrench against what is inboard of them, two joints at a time.
+    turned: Vec<[f64x2; 6]>,
+    /// What the joints' errors, of unit variance, do to the rows, error by error, counts: those that move positions, and the others.
+    turning: Vec<f64x4>,
+    steady: Vec<f64x4>,
+    /// The same of what arm and gauges are uncertain of together.
+    deviated: Vec<f64x4>,
     /// Variance to leave out, one a row, counts^2.
     white: Vec<f64>,
 }
@@ -150,7 +169,7 @@ struct Row {
     gauge: usize,
     /// Counts per N and per Nm of a tip wrench in E.
     tip: Vector6<f64>,
-    /// Reading less bias, terms and the arm's own load, counts.
+    /// Reading less bias, terms and what the arm's own load makes, counts.
     value: f64,
     reading: GaugeReading,
 }
@@ -165,18 +184,25 @@ impl WrenchEstimator {
     pub fn with_arm(chain: &Chain, sections: &[Section], gauges: Vec<GaugeModel>, arm: ArmModel) -> Self {
         let dynamics = Dynamics::new(chain, sections);
         let (n, coordinates) = (gauges.len(), dynamics.coordinates());
-        let errors = 3 * coordinates + arm.deviations.len();
+        let pairs = coordinates.div_ceil(2);
+        let gls = Gls::new(n);
+        let stride = gls.stride();
         Self {
             dynamics,
+            deviated: Vec::with_capacity(arm.deviations.len() * stride),
             arm: Arm::new(chain, sections, arm),
-            gls: Gls::new(n),
+            gls,
             motion: std::array::from_fn(|_| vec![0.0; coordinates]),
             encoders_rad: vec![0.0; coordinates],
             present: Vec::with_capacity(n),
-            by_motion: Vec::with_capacity(n * coordinates),
-            roots: Vec::with_capacity(coordinates),
-            turned: Vec::with_capacity(coordinates),
-            shared: Vec::with_capacity(n * errors),
+            fours: gauges.chunks(FOUR).map(Four::new).collect(),
+            terms_forms: gauges.iter().map(TermsForm::new).collect(),
+            by_calibration: Vec::with_capacity(n.div_ceil(FOUR)),
+            needs_covariance: gauges.iter().any(|gauge| gauge.assumed.is_some()),
+            roots: Vec::with_capacity(pairs),
+            turned: Vec::with_capacity(pairs),
+            turning: Vec::with_capacity(2 * pairs * stride),
+            steady: Vec::with_capacity(4 * pairs * stride),
             white: Vec::with_capacity(n),
             zeros: vec![Zero::CALIBRATED; n],
             gauges,
@@ -200,6 +226,7 @@ impl WrenchEstimator {
 
     /// Replaces the zero of a gauge.
     pub fn set_zero(&mut self, gauge: usize, zero: Zero) {
+        self.fours[gauge / FOUR].set_zero(gauge % FOUR, &zero);
         self.zeros[gauge] = zero;
     }
 
@@ -249,15 +276,21 @@ impl WrenchEstimator {
     /// What a gauge that is left out reads beyond what the others predict of it, and the standard deviation of that, counts; by the
     /// last estimate, which gave `solution`.
     pub fn deviation_counts(&self, gauge: usize, reading: &GaugeReading, solution: &Solution) -> (f64, f64) {
+        let row = self.row(gauge, reading);
+        let by_calibration = self.fours[gauge / FOUR].variances(&solution.wrench);
+        let variance = self.variance(&row, &solution.wrench, by_calibration)
+            + (row.tip.transpose() * solution.covariance * row.tip)[(0, 0)];
+        (row.value - row.tip.dot(&solution.wrench.to_vector()), variance.max(0.0).sqrt())
+    }
+
+    /// A gauge's equation in the state of the arm.
+    fn row(&self, gauge: usize, reading: &GaugeReading) -> Row {
         let model = &self.gauges[gauge];
-        let tip = self.dynamics.row_to_tip(gauge, &model.compliance);
-        let value = self.unexplained_counts(gauge, reading) - self.zeros[gauge].shift_counts;
-        let row = Row { gauge, tip, value, reading: *reading };
-        let variance = model.noise_counts2
-            + reading.unsettled_counts2
-            + self.calibration_variance(&row, &solution.wrench)
-            + (tip.transpose() * solution.covariance * tip)[(0, 0)];
-        (value - tip.dot(&solution.wrench.to_vector()), variance.max(0.0).sqrt())
+        let (tip, own_counts) = self.fours[gauge / FOUR].row(gauge % FOUR);
+        let zero =
+            model.bias_counts + model.terms.counts(&reading.regressors) + self.zeros[gauge].shift_counts;
+        let value = reading.counts - zero - own_counts;
+        Row { gauge, tip, value, reading: *reading }
     }
 
     /// The wrench at one instant from each joint's motion and each gauge's reading (`None`: absent).
@@ -280,15 +313,15 @@ impl WrenchEstimator {
         self.yield_under(&Wrench::zero());
         self.dynamics.differentiate();
         self.collect(readings);
-        self.sense_motion(motion);
-        self.weigh(None);
-        let first = self.gls.estimate(&COLUMN_SCALE)?;
-        let wrench = Wrench::from_vector(&first.x);
+        self.roots.clear();
+        self.roots.extend(motion.chunks(2).map(MotionRoots::of));
+        self.weigh_first();
+        let wrench = Wrench::from_vector(&self.gls.estimate(&COLUMN_SCALE)?);
         if self.yield_under(&wrench) {
             self.collect(readings);
         }
         self.arm.place(&self.motion[0], &wrench);
-        self.weigh(Some(&first));
+        self.weigh_again(&wrench);
         let second = self.gls.solve(&COLUMN_SCALE)?;
         Ok(Solution {
             wrench: Wrench::from_vector(&second.x),
@@ -319,102 +352,14 @@ impl WrenchEstimator {
     }
 
     fn collect(&mut self, readings: &[Option<GaugeReading>]) {
-        self.present.clear();
-        for (i, (gauge, reading)) in self.gauges.iter().zip(readings).enumerate() {
-            let Some(reading) = *reading else { continue };
-            self.present.push(Row {
-                gauge: i,
-                tip: self.dynamics.row_to_tip(i, &gauge.compliance),
-                value: self.unexplained_counts(i, &reading) - self.zeros[i].shift_counts,
-                reading,
-            });
+        for (four, first) in self.fours.iter_mut().zip((0..).step_by(FOUR)) {
+            four.look(&self.dynamics, first);
         }
-    }
-
-    fn sense_motion(&mut self, motion: &[JointMotion]) {
-        self.roots.clear();
-        self.roots.extend(motion.iter().map(|joint| square_root(&joint.covariance)));
-        self.by_motion.clear();
-        for row in &self.present {
-            self.by_motion.extend(self.dynamics.row_by_motion(row.gauge, &row.tip));
-        }
-    }
-
-    /// Hands the rows to the solver with all that is uncertain of them, under the wrench that a first pass found.
-    fn weigh(&mut self, found: Option<&Estimate>) {
-        let wrench = found.map_or_else(Wrench::zero, |fit| Wrench::from_vector(&fit.x));
-        let coordinates = self.dynamics.coordinates();
-        self.turned.clear();
-        self.turned.extend((0..coordinates).map(|k| self.dynamics.turned_wrench(k, &wrench)));
-        self.gls.clear();
-        self.shared.clear();
-        let deviations = if found.is_some() { self.arm.deviations() } else { 0 };
-        for (at, row) in self.present.iter().enumerate() {
-            let gauge = &self.gauges[row.gauge];
-            let variance = gauge.noise_counts2
-                + row.reading.unsettled_counts2
-                + self.calibration_variance(row, &wrench)
-                + self.unseen_variance(row.gauge, found);
-            self.gls.push(&row.tip, row.value, variance);
-            for coordinate in 0..coordinates {
-                let errors =
-                    self.motion_errors(row, coordinate, &self.by_motion[at * coordinates + coordinate]);
-                self.shared.extend_from_slice(&errors);
-            }
-            if deviations > 0 {
-                // Arm and gauges are uncertain together in these directions.
-                let excitation = self.excitation(row.gauge, &row.reading, &wrench);
-                let excited = self.zeros[row.gauge].excited(excitation);
-                let compliance = &gauge.compliance;
-                let change = |d| self.arm.change_counts(d, row.gauge, compliance, &excited, &wrench);
-                self.shared.extend((0..deviations).map(change));
-            }
-        }
-        self.gls.share(&self.shared, 3 * coordinates + deviations);
-    }
-
-    /// What one joint's uncertain motion, as three independent errors, does to a row, counts: it moves all rows' loads together.
-    #[inline]
-    fn motion_errors(&self, row: &Row, coordinate: usize, by_motion: &[f64; 3]) -> [f64; 3] {
-        let [mut position, velocity, acceleration] = *by_motion;
-        if self.dynamics.turns_tip(coordinate, row.gauge) {
-            position += row.tip.dot(&self.turned[coordinate]);
-        }
-        self.roots[coordinate].map(|root| position * root[0] + velocity * root[1] + acceleration * root[2])
-    }
-
-    /// Variance that the calibration's uncertainty gives to a gauge under its present load, counts^2.
-    fn calibration_variance(&self, row: &Row, wrench: &Wrench<Tip>) -> f64 {
-        let gauge = &self.gauges[row.gauge];
-        let zero = &self.zeros[row.gauge];
-        let values = zero.excited(self.excitation(row.gauge, &row.reading, wrench));
-        // Beyond its terms all is zero: most gauges have seven numbers, not sixteen.
-        let used = 7 + gauge.terms.terms.len().min(MOST_TERMS);
-        quadratic(&gauge.covariance, &values.as_slice()[..used]) + zero.variance_counts2
-    }
-
-    /// What a gauge's numbers are multiplied by in the state of the last estimate and under a tip wrench.
-    #[inline]
-    pub fn excitation(&self, gauge: usize, reading: &GaugeReading, wrench: &Wrench<Tip>) -> Excitation {
-        let load = self.dynamics.load(gauge) + self.dynamics.load_of_tip_wrench(gauge, wrench).to_vector();
-        let mut excitation = Excitation::zeros();
-        excitation.fixed_rows_mut::<6>(0).copy_from(&load);
-        excitation[6] = 1.0;
-        excitation.as_mut_slice()[7..].copy_from_slice(&reading.regressors);
-        excitation
-    }
-
-    /// Variance from directions that the calibration never saw, excited by a wrench that is itself uncertain, counts^2.
-    fn unseen_variance(&self, gauge: usize, found: Option<&Estimate>) -> f64 {
-        let Some(assumed) = &self.gauges[gauge].assumed else { return 0.0 };
-        let adjoint = self.dynamics.tip_adjoint(gauge);
-        let wrench_covariance = match found {
-            Some(fit) => fit.covariance,
-            None => Matrix6::from_diagonal(&Vector6::from_fn(|k, _| {
-                if k < 3 { EXPECTED_FORCE_N.powi(2) } else { EXPECTED_MOMENT_NM.powi(2) }
-            })),
-        };
-        (adjoint * wrench_covariance * adjoint.transpose()).component_mul(assumed).sum()
+        let mut present = std::mem::take(&mut self.present);
+        present.clear();
+        let heard = readings.iter().take(self.gauges.len()).enumerate();
+        present.extend(heard.filter_map(|(gauge, reading)| Some(self.row(gauge, reading.as_ref()?))));
+        self.present = present;
     }
 }
 
@@ -426,37 +371,4 @@ impl From<NoFit> for NoWrench {
             NoFit::NotFinite => Self::NotFinite,
         }
     }
-}
-
-/// `v' M v` for a symmetric matrix, as far as the vector goes.
-fn quadratic(matrix: &GaugeCovariance, vector: &[f64]) -> f64 {
-    let column = |(k, value): (usize, &f64)| {
-        let column = matrix.column(k);
-        let above: f64 = column.iter().zip(&vector[..k]).map(|(m, v)| m * v).sum();
-        value * (2.0 * above + column[k] * value)
-    };
-    vector.iter().enumerate().map(column).sum()
-}
-
-/// Vectors whose outer products sum to a covariance (its Cholesky columns, last component first, so that
-/// the acceleration leads); directions without variance are zero.
-fn square_root(covariance: &Matrix3<f64>) -> [[f64; 3]; 3] {
-    let mut left = *covariance;
-    let mut columns = [[0.0; 3]; 3];
-    for (column, pivot) in columns.iter_mut().zip([2, 1, 0]) {
-        let variance = left[(pivot, pivot)];
-        if variance <= 0.0 || variance.is_nan() {
-            continue;
-        }
-        let root = variance.sqrt();
-        for k in 0..3 {
-            column[k] = left[(k, pivot)] / root;
-        }
-        for i in 0..3 {
-            for k in 0..3 {
-                left[(i, k)] -= column[i] * column[k];
-            }
-        }
-    }
-    columns
 }

@@ -15,7 +15,7 @@
 //! (J. Sturza, Navigation system integrity monitoring using redundant measurements, Navigation 35(4), 1988.) With two spare rows the lines lie
 //! in a plane, with one they are all the same, with none nothing shows. A row whose line has no length cannot be checked by the others.
 
-use nalgebra::Matrix6;
+use super::triangle::Row;
 
 /// A row of which less than this share of its variance is left in the residual cannot be checked: rounding alone would show.
 const CHECKABLE_SHARE: f64 = 1e-9;
@@ -64,8 +64,8 @@ impl Redundancy {
         self.chi2 = 0.0;
     }
 
-    pub(super) fn push(&mut self, row: &[f64; 7], residual_counts: f64) {
-        self.rows.push([row[0], row[1], row[2], row[3], row[4], row[5]]);
+    pub(super) fn push(&mut self, row: [f64; 6], residual_counts: f64) {
+        self.rows.push(row);
         self.residual_counts.push(residual_counts);
     }
 
@@ -145,19 +145,18 @@ impl Redundancy {
         self.q[i * self.rows.len() + k]
     }
 
-    /// From the Cholesky factor `L` of V (rows of length `stride`), `L^-1 A D` (D scales the columns) and the inverse of its triangle.
+    /// From the Cholesky factor `L` of V (row, column), `L^-1 A D` (D scales the columns) and the inverse of its triangle.
     pub(super) fn weigh(
         &mut self,
-        factor: &[f64],
-        stride: usize,
-        whitened: &[[f64; 7]],
-        inverse: &Matrix6<f64>,
+        factor: impl Fn(usize, usize) -> f64,
+        whitened: &[Row],
+        inverse: &[Row; 6],
         column_scale: &[f64; 6],
     ) -> bool {
         let n = self.rows.len();
-        self.invert(factor, stride);
+        self.invert(&factor);
         for row in whitened {
-            self.basis.push(std::array::from_fn(|c| (0..=c).map(|k| row[k] * inverse[(k, c)]).sum()));
+            self.basis.push(std::array::from_fn(|c| (0..=c).map(|k| row.at(k) * inverse[k].at(c)).sum()));
         }
         for i in 0..n {
             // U' L^-1 e_i, then K e_i = D R^-1 U' L^-1 e_i.
@@ -165,7 +164,7 @@ impl Redundancy {
                 (i..n).map(|k| self.basis[k][c] * self.inverse_factor[k * n + i]).sum()
             });
             self.gains.push(std::array::from_fn(|c| {
-                column_scale[c] * (c..6).map(|k| inverse[(c, k)] * lead[k]).sum::<f64>()
+                column_scale[c] * (c..6).map(|k| inverse[c].at(k) * lead[k]).sum::<f64>()
             }));
             // (1 - U U') L^-1 e_i.
             for k in 0..n {
@@ -179,7 +178,7 @@ impl Redundancy {
                 let sum = (i..n).map(|m| self.inverse_factor[m * n + i] * self.scratch[m * n + k]).sum();
                 self.q[i * n + k] = sum;
             }
-            let variance: f64 = (0..=i).map(|m| factor[i * stride + m].powi(2)).sum();
+            let variance: f64 = (0..=i).map(|m| factor(i, m).powi(2)).sum();
             if n <= 6 || self.q(i, i) * variance < CHECKABLE_SHARE {
                 self.q[i * n + i] = 0.0;
             }
@@ -193,14 +192,14 @@ impl Redundancy {
         self.chi2.is_finite()
     }
 
-    fn invert(&mut self, factor: &[f64], stride: usize) {
+    fn invert(&mut self, factor: impl Fn(usize, usize) -> f64) {
         let n = self.rows.len();
         for i in 0..n {
             for k in 0..i {
-                let sum: f64 = (k..i).map(|m| factor[i * stride + m] * self.inverse_factor[m * n + k]).sum();
-                self.inverse_factor[i * n + k] = -sum / factor[i * stride + i];
+                let sum: f64 = (k..i).map(|m| factor(i, m) * self.inverse_factor[m * n + k]).sum();
+                self.inverse_factor[i * n + k] = -sum / factor(i, i);
             }
-            self.inverse_factor[i * n + i] = factor[i * stride + i].recip();
+            self.inverse_factor[i * n + i] = factor(i, i).recip();
         }
     }
 }
@@ -224,7 +223,9 @@ mod tests {
             gls.push(&Vector6::from_fn(|c, _| a[(k, c)]), y[k], variance);
             v[(k, k)] += variance;
         }
-        gls.share(shared.as_slice(), 1);
+        let at = |k: usize| if k < n { shared[k] } else { 0.0 };
+        let four = |four: usize| wide::f64x4::new(std::array::from_fn(|lane| at(4 * four + lane)));
+        gls.share(&(0..gls.stride()).map(four).collect::<Vec<_>>());
         (gls, a, v, y)
     }
 

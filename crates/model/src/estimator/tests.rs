@@ -200,13 +200,18 @@ fn a_deviation_is_worth_the_error_that_it_would_make() {
 }
 
 #[test]
-fn the_square_root_of_a_covariance_multiplies_back() {
-    let c = Matrix3::new(2.0, 0.3, 0.1, 0.3, 1.0, -0.2, 0.1, -0.2, 0.5);
-    let mut sum = Matrix3::zeros();
-    for v in square_root(&c) {
-        let v = nalgebra::Vector3::from(v);
-        sum += v * v.transpose();
+fn the_roots_of_covariances_multiply_back() {
+    let covariance = nalgebra::Matrix3::new(2.0, 0.3, 0.1, 0.3, 1.0, -0.2, 0.1, -0.2, 0.5);
+    let joints = [JointMotion { covariance, ..JointMotion::at_rest(0.0) }, JointMotion::at_rest(0.0)];
+    let roots = MotionRoots::of(&joints);
+    let felt = |by: [f64; 3]| {
+        let (first, [second, third]) = roots.felt(by.map(f64x2::splat));
+        [first, second, third].map(|error| *error.as_array())
+    };
+    for by in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.3, -2.0, 0.7]] {
+        let by_vector = nalgebra::Vector3::from(by);
+        let variance: f64 = felt(by).iter().map(|[error, _]| error * error).sum();
+        assert!((variance - (by_vector.transpose() * covariance * by_vector)[(0, 0)]).abs() < 1e-14);
+        assert!(felt(by).iter().all(|[_, still]| *still == 0.0));
     }
-    assert!((sum - c).amax() < 1e-15);
-    assert_eq!(square_root(&Matrix3::zeros()), [[0.0; 3]; 3]);
 }

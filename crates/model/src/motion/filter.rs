@@ -1,12 +1,8 @@
 //! The causal filter of one joint, for the cycle: bounded work, no allocation.
 
-use super::kalman::{
-    State, UNIT_S, inner_density, inner_step, inner_variance, mixture, transition, unit_process,
-};
-use super::{DWELL_S, JointMotion, REST_S, SNAP_DENSITIES, Sampled};
-
-/// At rest, and moving with each strength of snap.
-const MODELS: usize = 1 + SNAP_DENSITIES.len();
+use super::bank::Bank;
+use super::kalman::{inner_density, inner_step, inner_variance, mixture, transition, unit_process};
+use super::{JointMotion, Sampled};
 
 /// After a longer silence than this the motion starts anew from the next position, ns.
 const FORGET_NS: i64 = 500_000_000;
@@ -43,13 +39,6 @@ const UNPROVEN_SIGMA: f64 = 6.0;
 
 /// The same for the first reading after others stayed away: it may be one of those, held back by itself.
 const UNPROVEN_AFTER_A_GAP_SIGMA: f64 = 2.5;
-
-/// Kalman filters side by side, and how much each is believed.
-#[derive(Clone, Copy, Debug)]
-struct Bank {
-    states: [State; MODELS],
-    weights: [f64; MODELS],
-}
 
 /// What became of a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -149,10 +138,10 @@ impl MotionFilter {
         self.readings = (self.readings + 1).min(self.needed);
         let variance = self.encoder_variance_rad2;
         if self.readings == self.needed {
-            let off_sigma = self.bank.off_sigma(position_rad, variance, jitter_s);
-            self.without = (off_sigma > unproven_sigma).then_some(self.bank);
+            self.without =
+                (!self.bank.expects(position_rad, variance, jitter_s, unproven_sigma)).then_some(self.bank);
         }
-        self.bank.measure(|state| state.measure_position(position_rad, variance, jitter_s));
+        self.bank.measure_position(position_rad, variance, jitter_s);
         fate
     }
 
@@ -192,8 +181,7 @@ impl MotionFilter {
 
     /// Takes in a velocity (rad/s, with its standard deviation) sampled together with the last position.
     pub fn measure_velocity(&mut self, velocity_rad_s: f64, sigma_rad_s: f64) {
-        let (value, variance) = (velocity_rad_s * UNIT_S, (sigma_rad_s * UNIT_S).powi(2));
-        self.bank.measure(|state| state.measure(1, value, variance));
+        self.bank.measure_velocity(velocity_rad_s, sigma_rad_s);
     }
 
     /// Motion at another time, carried on (or back) from the last reading; `None` while there are too few to know it, or they make no sense.
@@ -212,8 +200,7 @@ impl MotionFilter {
             return doubted(state.motion());
         }
         let step = inner_step(&last, &at);
-        let density: f64 = self.bank.weights[1..].iter().zip(&SNAP_DENSITIES).map(|(w, s)| w * s).sum();
-        let process = unit_process(step.abs()) * inner_density(density);
+        let process = unit_process(step.abs()) * inner_density(self.bank.density());
         doubted(state.predicted(&transition(step), &process).smeared(inner_variance(&last, &at)).motion())
     }
 
@@ -243,14 +230,10 @@ impl MotionFilter {
             return None;
         }
         let most_rad_s2 = if self.passed_over { IMPOSSIBLE_RAD_S2 } else { UNLIKELY_RAD_S2 };
-        let boldest = &self.bank.states[MODELS - 1];
-        let smear_rad = boldest.mean[1] / UNIT_S * jitter_s;
-        let variance = boldest.covariance[(0, 0)] + self.encoder_variance_rad2 + smear_rad * smear_rad;
+        let variance = self.bank.boldest_variance(self.encoder_variance_rad2, jitter_s);
         let room_rad = NOISE_SIGMA * variance.sqrt() + 0.5 * most_rad_s2 * since_s * since_s;
-        let off_rad = |state: &State| position_rad - state.mean[0];
         // No joint stops dead: one that came to rest is where the filters for moving joints expect it, too.
-        let nearest_rad =
-            self.bank.states[1..].iter().map(off_rad).min_by(|a, b| a.abs().total_cmp(&b.abs()))?;
+        let nearest_rad = self.bank.nearest_rad(position_rad)?;
         (nearest_rad.abs() > room_rad).then_some(nearest_rad)
     }
 
@@ -261,111 +244,6 @@ impl MotionFilter {
         self.needed = NEEDED;
         self.passed_over = false;
     }
-}
-
-impl Bank {
-    /// At a position (rad), and nothing known of the motion.
-    fn at(position_rad: f64, variance_rad2: f64) -> Self {
-        Self {
-            states: [State::from_position(position_rad, variance_rad2); MODELS],
-            weights: [1.0 / MODELS as f64; MODELS],
-        }
-    }
-
-    fn mixture(&self) -> State {
-        mixture(&self.states, &self.weights)
-    }
-
-    /// How far a position is from what the filters together expect, rad, and the variance of that, rad^2.
-    fn innovation(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64) -> (f64, f64) {
-        let state = self.mixture();
-        let smear_rad = state.mean[1] / UNIT_S * jitter_s;
-        (position_rad - state.mean[0], state.covariance[(0, 0)] + variance_rad2 + smear_rad * smear_rad)
-    }
-
-    /// How far a position is from what the filters together expect, standard deviations.
-    fn off_sigma(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64) -> f64 {
-        let (off_rad, variance_rad2) = self.innovation(position_rad, variance_rad2, jitter_s);
-        off_rad.abs() / variance_rad2.sqrt()
-    }
-
-    fn likelihood_ln(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64) -> f64 {
-        let (off_rad, variance_rad2) = self.innovation(position_rad, variance_rad2, jitter_s);
-        -0.5 * (off_rad * off_rad / variance_rad2 + variance_rad2.ln())
-    }
-
-    /// Lets each filter take in a measurement, and believes it as well as it had predicted that.
-    fn measure(&mut self, mut by: impl FnMut(&mut State) -> f64) {
-        let mut fit = [0.0; MODELS];
-        for (state, fit) in self.states.iter_mut().zip(&mut fit) {
-            *fit = by(state);
-        }
-        self.reweigh(&fit);
-    }
-
-    /// Mixes the filters by the chance that what the joint does has changed, then predicts each over the step.
-    fn advance(&mut self, last: &Sampled, at: &Sampled) {
-        let step = inner_step(last, at);
-        let variance = inner_variance(last, at);
-        let chances = chances(step * UNIT_S);
-        let (transition, process) = (transition(step), unit_process(step));
-        let before = self.states;
-        let mut expected = [0.0; MODELS];
-        for k in 0..MODELS {
-            let mut share = [0.0; MODELS];
-            for i in 0..MODELS {
-                share[i] = self.weights[i] * chances[i][k];
-                // How likely it is that a moving joint stops says how much that is believed, not where it would stand.
-                let stops = if k == 0 && i > 0 { before[i].may_stop(step) } else { 1.0 };
-                expected[k] += share[i] * stops;
-            }
-            let total: f64 = share.iter().sum();
-            share.iter_mut().for_each(|w| *w /= total);
-            let mixed = mixture(&before, &share);
-            self.states[k] = match k.checked_sub(1) {
-                None => mixed.resting(step),
-                Some(k) => {
-                    let process = process * inner_density(SNAP_DENSITIES[k]);
-                    mixed.predicted(&transition, &process).smeared(variance)
-                }
-            };
-        }
-        let all: f64 = expected.iter().sum();
-        self.weights = expected.map(|weight| weight / all);
-    }
-
-    /// Weighs the filters by the log-likelihood of what they just measured. A floor keeps each motion reachable; rest is, from any that may stop.
-    fn reweigh(&mut self, fit: &[f64; MODELS]) {
-        const FLOOR: f64 = 1e-12;
-        let best = fit.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        if !best.is_finite() {
-            return;
-        }
-        let mut total = 0.0;
-        for (k, (w, fit)) in self.weights.iter_mut().zip(fit).enumerate() {
-            *w = (*w * (fit - best).exp()).max(if k == 0 { 0.0 } else { FLOOR });
-            total += *w;
-        }
-        self.weights.iter_mut().for_each(|w| *w /= total);
-    }
-}
-
-/// `chances[i][k]`: that a joint in mode i is in mode k after `step_s`. From rest to any strength of snap alike; from one
-/// strength to those beside it or to rest.
-fn chances(step_s: f64) -> [[f64; MODELS]; MODELS] {
-    let wake = 1.0 - (-step_s / REST_S).exp();
-    let change = 1.0 - (-step_s / DWELL_S).exp();
-    let mut chances = [[0.0; MODELS]; MODELS];
-    chances[0] = [wake / (MODELS - 1) as f64; MODELS];
-    chances[0][0] = 1.0 - wake;
-    for i in 1..MODELS {
-        let beside = [i - 1, i + 1].into_iter().filter(|k| (1..MODELS).contains(k));
-        let share = change / (1 + beside.clone().count()) as f64;
-        beside.for_each(|k| chances[i][k] = share);
-        chances[i][0] = share;
-        chances[i][i] = 1.0 - change;
-    }
-    chances
 }
 
 #[cfg(test)]

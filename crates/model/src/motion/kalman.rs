@@ -9,6 +9,18 @@ use nalgebra::{Matrix3, Matrix4, Vector4};
 /// Inner unit of time, s.
 pub(super) const UNIT_S: f64 = 0.01;
 
+/// What a joint at rest creeps, rad per inner time unit (1e-5 rad/s).
+pub(super) const CREEP: f64 = 1e-5 * UNIT_S;
+
+/// What it shivers, rad per inner time unit squared (1e-3 rad/s^2); the same per inner time unit cubed is its jerk.
+pub(super) const SHIVER: f64 = 1e-3 * UNIT_S * UNIT_S;
+
+/// Velocity that a joint which comes to rest can lose within `step` inner time units, rad per inner time unit.
+pub(super) fn stopping(step: f64) -> f64 {
+    const STOPPING_RAD_S2: f64 = 50.0;
+    STOPPING_RAD_S2 * UNIT_S.powi(2) * step
+}
+
 /// Mean and covariance of position, velocity, acceleration, jerk: rad per inner time unit to the power 0..3.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct State {
@@ -33,30 +45,6 @@ impl State {
             mean: transition * self.mean,
             covariance: transition * self.covariance * transition.transpose() + process,
         }
-    }
-
-    /// The state `step` inner time units later if the joint is at rest: it stays, but for what a held joint creeps.
-    pub(super) fn resting(&self, step: f64) -> Self {
-        const CREEP_RAD_S: f64 = 1e-5;
-        const SHIVER_RAD_S2: f64 = 1e-3;
-        let (velocity, acceleration) = (CREEP_RAD_S * UNIT_S, SHIVER_RAD_S2 * UNIT_S.powi(2));
-        let variances = Vector4::new(
-            self.covariance[(0, 0)] + (velocity * step).powi(2),
-            velocity.powi(2),
-            acceleration.powi(2),
-            acceleration.powi(2),
-        );
-        Self {
-            mean: Vector4::new(self.mean[0], 0.0, 0.0, 0.0),
-            covariance: Matrix4::from_diagonal(&variances),
-        }
-    }
-
-    /// How likely it is, against a joint that stands, that this one comes to rest within `step` inner time units: none stops dead.
-    pub(super) fn may_stop(&self, step: f64) -> f64 {
-        const STOPPING_RAD_S2: f64 = 50.0;
-        let lost = STOPPING_RAD_S2 * UNIT_S.powi(2) * step;
-        (-0.5 * self.mean[1].powi(2) / (self.covariance[(1, 1)] + lost * lost)).exp()
     }
 
     /// The same where the instant it refers to is unsure by this variance (inner units): the state as it was at whatever instant that

@@ -9,6 +9,7 @@
 //! [`RoundClock`] says how far apart the positions were sampled; [`MotionFilter`] is causal and runs in the cycle; [`LagSmoother`]
 //! waits for some rounds more; [`smooth`] uses the whole recording and is for offline work.
 
+mod bank;
 mod clock;
 mod filter;
 mod kalman;
