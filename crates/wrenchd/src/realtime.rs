@@ -24,6 +24,10 @@ impl Clock for SystemClock {
         Now { realtime_ns: read(libc::CLOCK_REALTIME), monotonic_ns: read(libc::CLOCK_MONOTONIC) }
     }
 
+    fn now_after(&self, earlier: Now) -> Now {
+        earlier.later(read(libc::CLOCK_MONOTONIC) - earlier.monotonic_ns)
+    }
+
     fn sleep_until_ns(&self, monotonic_ns: i64) {
         let until = timespec(monotonic_ns.max(0));
         // SAFETY: `until` outlives the call; no remainder is asked for. An interrupted sleep is a shorter one.

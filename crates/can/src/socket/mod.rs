@@ -24,7 +24,7 @@ use sys::{BATCH, Receiver, Wait};
 /// How often a deleted interface is looked for
 const RETRY: Duration = Duration::from_millis(250);
 
-/// How long a call that receives waits by itself, at least: boards that send as often as 100 times a second are waited for in it
+/// How long a call that receives waits by itself: boards that send 100 times a second and more are waited for in it
 const PATIENCE: Duration = Duration::from_millis(10);
 
 /// How an interface is listened to
@@ -59,38 +59,16 @@ struct Port {
     retry_at: Instant,
 }
 
-/// How long a call that receives waits by itself: the kernel counts this in ticks, and may end it a tick late
-#[derive(Clone, Copy, Debug)]
-struct Patience {
-    asked: Duration,
-    tick: Duration,
-}
-
-impl Patience {
-    fn new() -> Self {
-        let tick = sys::tick();
-        let ticks = PATIENCE.as_nanos().div_ceil(tick.as_nanos());
-        Self { asked: tick * ticks as u32, tick }
-    }
-
-    /// The longest that a call may take
-    fn longest(self) -> Duration {
-        self.asked + self.tick
-    }
-
-    /// Whether it ends within this time; a quarter of a tick more is no matter
-    fn is_within(self, timeout: Duration) -> bool {
-        self.longest() <= timeout + self.tick / 4
-    }
-}
-
 /// Frames from one or more CAN interfaces; their indices are the order they were given in
+///
+/// A poll of a single interface waits in the call that takes the frame, which spares every frame a system call; the kernel counts
+/// that time in its ticks, so that such a poll may take a tick longer than asked for.
 #[derive(Debug)]
 pub struct SocketSource {
     ports: Vec<Port>,
     receiver: Receiver,
     polled: Vec<libc::pollfd>,
-    patience: Patience,
+    tick: Duration,
     next: usize,
     receive_buffer: usize,
     unstamped: u64,
@@ -101,9 +79,8 @@ impl SocketSource {
     pub fn open(interfaces: &[(&str, SocketOptions)]) -> Result<Self> {
         let mut ports = Vec::with_capacity(interfaces.len());
         let mut receive_buffer = usize::MAX;
-        let patience = Patience::new();
         for (name, options) in interfaces.iter().take(255) {
-            let (socket, size) = open_receiver(name, options, patience)?;
+            let (socket, size) = open_receiver(name, options)?;
             receive_buffer = receive_buffer.min(size);
             ports.push(Port {
                 name: (*name).to_string(),
@@ -115,7 +92,15 @@ impl SocketSource {
             });
         }
         let polled = vec![libc::pollfd { fd: -1, events: libc::POLLIN, revents: 0 }; ports.len()];
-        Ok(Self { ports, receiver: Receiver::new(), polled, patience, next: 0, receive_buffer, unstamped: 0 })
+        Ok(Self {
+            ports,
+            receiver: Receiver::new(),
+            polled,
+            tick: sys::tick(),
+            next: 0,
+            receive_buffer,
+            unstamped: 0,
+        })
     }
 
     /// Smallest receive buffer that the kernel gave, in bytes of kernel memory; less than asked for where
@@ -140,7 +125,7 @@ impl SocketSource {
                 continue;
             }
             port.retry_at = now + RETRY;
-            if let Ok((socket, _)) = open_receiver(&port.name, &port.options, self.patience) {
+            if let Ok((socket, _)) = open_receiver(&port.name, &port.options) {
                 port.socket = Some(socket);
                 port.drops = 0;
                 port.down = false;
@@ -207,11 +192,11 @@ impl SocketSource {
     /// Waits for the first frame in the call that takes it, where there is a single interface and time enough; how much of the
     /// time is left
     fn receive_patiently(&mut self, batch: &mut Batch, timeout: Duration) -> Result<Duration> {
-        if self.ports.len() != 1 || self.ports[0].socket.is_none() || !self.patience.is_within(timeout) {
+        if self.ports.len() != 1 || self.ports[0].socket.is_none() || timeout < PATIENCE {
             return Ok(timeout);
         }
         self.receive(0, batch, Wait::Patiently)?;
-        Ok(timeout.saturating_sub(self.patience.longest()))
+        Ok(timeout.saturating_sub(PATIENCE + self.tick))
     }
 
     /// One batch of each interface that may have something
@@ -273,7 +258,7 @@ impl Source for SocketSource {
 }
 
 /// A socket with all its options, bound; and the receive buffer that it got
-fn open_receiver(name: &str, options: &SocketOptions, patience: Patience) -> Result<(OwnedFd, usize)> {
+fn open_receiver(name: &str, options: &SocketOptions) -> Result<(OwnedFd, usize)> {
     let address = CanAddr::from_iface(name).map_err(|_| Error::NoInterface { interface: name.into() })?;
     let fault = |what, hint| move |source| Error::Socket { interface: name.into(), what, source, hint };
     let socket = sys::raw_socket().map_err(fault("opening a CAN socket", Some(NO_CAN)))?;
@@ -293,7 +278,7 @@ fn open_receiver(name: &str, options: &SocketOptions, patience: Patience) -> Res
     sys::enable(&socket, libc::SOL_SOCKET, libc::SO_TIMESTAMPNS).map_err(fault("asking for stamps", None))?;
     sys::enable(&socket, libc::SOL_SOCKET, libc::SO_RXQ_OVFL)
         .map_err(fault("asking for drop counts", None))?;
-    sys::set_patience(&socket, patience.asked).map_err(fault("limiting its waiting", None))?;
+    sys::set_patience(&socket, PATIENCE).map_err(fault("limiting its waiting", None))?;
     let size =
         sys::set_receive_buffer(&socket, options.receive_buffer).map_err(fault("sizing its buffer", None))?;
     sys::bind(&socket, address).map_err(|source| bind_error(name, source))?;
