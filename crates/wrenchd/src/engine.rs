@@ -36,6 +36,7 @@ use rig::{ModelFile, Rig, RigError, Status};
 use crate::board::Board;
 use crate::command::{Command, Done, Order, Report};
 use crate::published::{Dispatch, Published, Why};
+use crate::rehearsal::Rehearsal;
 
 /// In event mode a silent bus is told once as soon as it counts as silent, and then this often, ns.
 pub const SILENCE_PERIOD_NS: i64 = 100_000_000;
@@ -127,6 +128,8 @@ pub struct Engine {
     silence_due_ns: Option<i64>,
     /// Event mode: stamp of the frame that completed what was published last, ns; none once silence was told.
     completed_ns: Option<i64>,
+    /// Event mode only.
+    rehearsal: Option<Rehearsal>,
     board: Arc<Board>,
     /// The tare that is being taken: the command's number and when it came, on the monotonic clock, ns.
     taring: Option<(u64, i64)>,
@@ -138,14 +141,17 @@ pub struct Engine {
 impl Engine {
     /// For a robot with its calibrated model.
     pub fn new(rig: &Rig, model: &ModelFile) -> Result<Self, RigError> {
+        let mode = rig.config.publish.mode;
+        let event = mode == PublishMode::Event;
         Ok(Self {
             cycle: Cycle::new(rig, model)?,
-            mode: rig.config.publish.mode,
+            mode,
             stale_after_ns: rig.layout.stale_after_ns,
             sequence: 0,
             newest: None,
             silence_due_ns: None,
             completed_ns: None,
+            rehearsal: event.then(|| Rehearsal::new(rig, model)).transpose()?,
             board: Arc::new(Board::new(rig.sections.len())),
             taring: None,
             tared: None,
@@ -227,7 +233,7 @@ impl Engine {
     pub fn push(&mut self, frame: &Stamped, outlet: &mut impl Outlet) {
         let Self { cycle, mode, stale_after_ns, sequence, newest, silence_due_ns, completed_ns, .. } = self;
         let mut last = None;
-        cycle.push(frame, |estimate| {
+        let out: &mut dyn FnMut(&Estimate) = &mut |estimate| {
             let dispatch = (*mode == PublishMode::Event).then(|| dispatch(next(sequence), estimate));
             if let Some(dispatch) = &dispatch {
                 outlet.send(dispatch);
@@ -245,7 +251,11 @@ impl Engine {
             }
             last = Some((estimate.outcome.is_ok(), now));
             *newest = Some(arrived);
-        });
+        };
+        cycle.push(frame, out);
+        if let Some(rehearsal) = &mut self.rehearsal {
+            rehearsal.note(frame, last.is_some());
+        }
         if let Some((valid, now)) = last {
             self.board.write_gauges(self.cycle.stage(), valid);
             self.note_tare(now);
@@ -291,6 +301,13 @@ impl Engine {
     pub fn left_ns(&self, stamp_ns: i64) -> Option<i64> {
         let passed_ns = stamp_ns.checked_sub(self.completed_ns?)?;
         (0..=self.stale_after_ns / 2).contains(&passed_ns).then_some(self.stale_after_ns - passed_ns)
+    }
+
+    /// Event mode: makes use of the time until the next frame, to be ready for it.
+    pub fn rehearse(&mut self) {
+        if let Some(rehearsal) = &mut self.rehearsal {
+            rehearsal.rehearse();
+        }
     }
 
     /// Publishes the last record: invalid, nothing follows.

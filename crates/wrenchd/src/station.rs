@@ -26,6 +26,10 @@ const LONGEST_WAIT: Duration = Duration::from_millis(100);
 pub trait Clock {
     /// The time now.
     fn now(&self) -> Now;
+    /// The time now, soon after a kernel stamp of the wall clock, ns since the Unix epoch.
+    fn now_soon_after(&self, _stamp_ns: i64) -> Now {
+        self.now()
+    }
     /// The time now, a moment after `earlier`: between them the clocks have not stepped apart, so that one of them tells.
     fn now_after(&self, _earlier: Now) -> Now {
         self.now()
@@ -172,22 +176,24 @@ impl<S: Source> Station<S> {
         }
         self.sinks.health.lateness.note(woken.monotonic_ns - due_ns);
         self.sinks.totals.overruns += grid.advance(woken.monotonic_ns);
-        let poll = self.take_in(Duration::ZERO, || woken)?;
+        let poll = self.take_in(Duration::ZERO, |_| woken)?;
         let Self { engine, sinks, .. } = self;
         engine.tick(woken, &mut Timed { sinks, now: || clock.now_after(woken) });
         Ok(poll)
     }
 
     fn turn_event(&mut self, clock: &impl Clock) -> can::Result<Poll> {
-        let mut poll = self.take_in(self.wait, || clock.now())?;
+        let arrived = |stamp_ns| clock.now_soon_after(stamp_ns);
+        let mut poll = self.take_in(self.wait, arrived)?;
         if let Some(left_ns) = self.left_ns() {
             self.wait = nanoseconds(left_ns);
+            self.engine.rehearse();
             return Ok(poll);
         }
         // Silence is told only as of a time up to which everything was read that had come, however late this thread is.
         let now = clock.now();
         if poll == Poll::Ready && self.engine.due_ns().is_some_and(|due_ns| now.monotonic_ns >= due_ns) {
-            poll = self.take_in(Duration::ZERO, || clock.now())?;
+            poll = self.take_in(Duration::ZERO, arrived)?;
         }
         let Self { engine, sinks, .. } = self;
         engine.tick(now.earlier(self.unread_ns), &mut Timed { sinks, now: || clock.now() });
@@ -201,8 +207,8 @@ impl<S: Source> Station<S> {
         last.filter(|_| self.batch.room() > 0).and_then(|last| self.engine.left_ns(last.stamp_ns))
     }
 
-    /// Takes in what has come, or what comes first within this time; `now` tells when an estimate was there.
-    fn take_in(&mut self, wait: Duration, now: impl Fn() -> Now) -> can::Result<Poll> {
+    /// Takes in what has come, or what comes first within this time; `arrived` tells the time of an estimate by its last frame's stamp.
+    fn take_in(&mut self, wait: Duration, arrived: impl Fn(i64) -> Now) -> can::Result<Poll> {
         let poll = self.source.poll(&mut self.batch, wait)?;
         self.unread_ns = 0;
         if poll != Poll::Ready {
@@ -212,12 +218,12 @@ impl<S: Source> Station<S> {
         for event in batch.events() {
             sinks.count(event);
             if let Event::Frame(stamped) = event {
-                engine.push(stamped, &mut Timed { sinks, now: &now });
+                engine.push(stamped, &mut Timed { sinks, now: || arrived(stamped.stamp_ns) });
             }
         }
         if self.batch.room() == 0 {
             let last_ns = self.batch.events().iter().rev().find_map(|event| Some(event.stamped()?.stamp_ns));
-            self.unread_ns = last_ns.map_or(0, |last_ns| (now().realtime_ns - last_ns).max(0));
+            self.unread_ns = last_ns.map_or(0, |last_ns| (arrived(last_ns).realtime_ns - last_ns).max(0));
         }
         Ok(poll)
     }
