@@ -7,6 +7,7 @@ mod answers;
 mod commands;
 mod dynamics;
 mod endurance;
+mod native;
 mod offline;
 mod peers;
 mod table;

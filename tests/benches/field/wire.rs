@@ -88,7 +88,7 @@ pub(crate) fn inside(scratch: &Path) -> Check {
     for name in answers::LINKS.as_flattened().iter().skip(2) {
         guest.add_link(name)?;
     }
-    let arm = Arm::new("mode = \"event\"")?;
+    let arm = Arm::new(&std::env::temp_dir().join("arm"), "mode = \"event\"")?;
     let mut took: [Vec<Took>; 4] = Default::default();
     for _ in 0..RUNS {
         let [ours, echo] = answers::in_turns(&guest, [(arm.daemon()?, 3), (echo_c()?, 2)], &arm.rounds)?;
@@ -163,8 +163,8 @@ fn by_candump(guest: &Guest) -> Check<f64> {
 
 /// The arm of the tests' captures on vcan0, whose wrenches go out on vcan1.
 pub(crate) struct Arm {
-    config: PathBuf,
-    model: PathBuf,
+    pub(crate) config: PathBuf,
+    pub(crate) model: PathBuf,
     rounds: Vec<Vec<Frame>>,
 }
 
@@ -177,11 +177,11 @@ pub(crate) fn frame(line: &candump::Line) -> Check<Frame> {
 }
 
 impl Arm {
-    /// With these lines of what is published.
-    pub(crate) fn new(publish: &str) -> Check<Self> {
+    /// In a folder of its own, which is made anew, with these lines of what is published.
+    pub(crate) fn new(folder: &Path, publish: &str) -> Check<Self> {
         let captures = workspace().join("tests/captures");
-        let folder = std::env::temp_dir().join("arm");
-        process::run(Command::new("cp").arg("-r").arg(captures.join("accuracy")).arg(&folder), STEP)?;
+        let _ = std::fs::remove_dir_all(folder);
+        process::run(Command::new("cp").arg("-r").arg(captures.join("accuracy")).arg(folder), STEP)?;
         let (config, model) = (folder.join("arm.toml"), folder.join("model.toml"));
         let text = std::fs::read_to_string(&config).at("read", &config)?.replace("\"can0\"", "\"vcan0\"");
         let tables = format!("\n[publish]\n{publish}\n\n[publish.can]\ninterface = \"vcan1\"\n");
