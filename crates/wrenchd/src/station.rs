@@ -192,7 +192,7 @@ impl<S: Source> Station<S> {
         }
         // Silence is told only as of a time up to which everything was read that had come, however late this thread is.
         let now = clock.now();
-        if poll == Poll::Ready && self.engine.due_ns().is_some_and(|due_ns| now.monotonic_ns >= due_ns) {
+        if poll != Poll::End && self.engine.due_ns().is_some_and(|due_ns| now.monotonic_ns >= due_ns) {
             poll = self.take_in(Duration::ZERO, arrived)?;
         }
         let Self { engine, sinks, .. } = self;
