@@ -3,21 +3,23 @@
 //! The daemon and the in-process demo run this same engine; only where frames and time come from differs.
 //!
 //! ```text
-//! every frame, in order ........ Engine::push(frame, now, out)    event mode: publishes each estimate as it completes
-//! the grid, or when due ........ Engine::tick(now, out)           fixed mode: publishes the newest estimate with its age
-//!                                                                 event mode: says so when the bus is silent
-//! the end ...................... Engine::stop(now, out)           one last invalid record
+//! every frame, in order ........ Engine::push(frame, outlet)        event mode: publishes each estimate as it completes
+//! the grid, or when due ........ Engine::tick(now, outlet)          fixed mode: publishes the newest estimate with its age
+//!                                                                   event mode: says so when the bus is silent
+//! the end ...................... Engine::stop(outlet)               one last invalid record
 //! ```
+//!
+//! An [`Outlet`] is where records go. What must leave at once leaves first; only then is the clock read for the record's times.
 //!
 //! ```no_run
 //! # fn demo(robot: &rig::Rig, stored: &rig::ModelFile, frames: &[can::frame::Stamped]) -> Result<(), rig::RigError> {
-//! use wrenchd::engine::{Engine, Now};
+//! use wrenchd::engine::{Engine, Now, Told};
 //!
 //! let mut engine = Engine::new(robot, stored)?;
 //! for frame in frames {
 //!     let now = Now::simulated(frame.stamp_ns);
-//!     engine.push(frame, now, |record| println!("{:?}", record.outcome));
-//!     engine.tick(now, |record| println!("{:?}", record.outcome));
+//!     engine.push(frame, &mut Told::new(now, |record| println!("{:?}", record.outcome)));
+//!     engine.tick(now, &mut Told::new(now, |record| println!("{:?}", record.outcome)));
 //! }
 //! # Ok(())
 //! # }
@@ -33,7 +35,8 @@ use rig::{ModelFile, Rig, RigError, Status};
 
 use crate::board::Board;
 use crate::command::{Command, Done, Order, Report};
-use crate::published::{Published, Why};
+use crate::published::{Dispatch, Published, Why};
+use crate::rehearsal::Rehearsal;
 
 /// In event mode a silent bus is told once as soon as it counts as silent, and then this often, ns.
 pub const SILENCE_PERIOD_NS: i64 = 100_000_000;
@@ -56,9 +59,50 @@ impl Now {
         Self { realtime_ns: time_ns, monotonic_ns: time_ns }
     }
 
+    /// The time so many nanoseconds from then.
+    pub const fn later(self, by_ns: i64) -> Self {
+        self.earlier(-by_ns)
+    }
+
     /// The time so many nanoseconds ago.
     pub const fn earlier(self, by_ns: i64) -> Self {
         Self { realtime_ns: self.realtime_ns - by_ns, monotonic_ns: self.monotonic_ns - by_ns }
+    }
+}
+
+/// Where records go, and the clock that they are timed by.
+pub trait Outlet {
+    /// Sends what must leave at once.
+    fn send(&mut self, dispatch: &Dispatch);
+    /// The time: of a record when it has left, of an estimate that is kept when it arrived.
+    fn now(&mut self) -> Now;
+    /// Takes the record of what has left.
+    fn keep(&mut self, record: &Published);
+}
+
+/// An outlet that is told the time, and hands on each record.
+#[derive(Debug)]
+pub struct Told<F> {
+    now: Now,
+    out: F,
+}
+
+impl<F: FnMut(&Published)> Told<F> {
+    /// At this time, to `out`.
+    pub fn new(now: Now, out: F) -> Self {
+        Self { now, out }
+    }
+}
+
+impl<F: FnMut(&Published)> Outlet for Told<F> {
+    fn send(&mut self, _: &Dispatch) {}
+
+    fn now(&mut self) -> Now {
+        self.now
+    }
+
+    fn keep(&mut self, record: &Published) {
+        (self.out)(record);
     }
 }
 
@@ -82,6 +126,10 @@ pub struct Engine {
     newest: Option<Newest>,
     /// Event mode: when silence is to be told next, on the monotonic clock, ns.
     silence_due_ns: Option<i64>,
+    /// Event mode: stamp of the frame that completed what was published last, ns; none once silence was told.
+    completed_ns: Option<i64>,
+    /// Event mode only.
+    rehearsal: Option<Rehearsal>,
     board: Arc<Board>,
     /// The tare that is being taken: the command's number and when it came, on the monotonic clock, ns.
     taring: Option<(u64, i64)>,
@@ -93,13 +141,17 @@ pub struct Engine {
 impl Engine {
     /// For a robot with its calibrated model.
     pub fn new(rig: &Rig, model: &ModelFile) -> Result<Self, RigError> {
+        let mode = rig.config.publish.mode;
+        let event = mode == PublishMode::Event;
         Ok(Self {
             cycle: Cycle::new(rig, model)?,
-            mode: rig.config.publish.mode,
+            mode,
             stale_after_ns: rig.layout.stale_after_ns,
             sequence: 0,
             newest: None,
             silence_due_ns: None,
+            completed_ns: None,
+            rehearsal: event.then(|| Rehearsal::new(rig, model)).transpose()?,
             board: Arc::new(Board::new(rig.sections.len())),
             taring: None,
             tared: None,
@@ -178,23 +230,33 @@ impl Engine {
     }
 
     /// Takes the next frame, in the order received. In event mode each estimate that it completes is published.
-    pub fn push(&mut self, frame: &Stamped, now: Now, mut out: impl FnMut(&Published)) {
-        let Self { cycle, mode, stale_after_ns, sequence, newest, silence_due_ns, .. } = self;
-        let mut valid = None;
-        cycle.push(frame, |estimate| {
-            valid = Some(estimate.outcome.is_ok());
+    pub fn push(&mut self, frame: &Stamped, outlet: &mut impl Outlet) {
+        let Self { cycle, mode, stale_after_ns, sequence, newest, silence_due_ns, completed_ns, .. } = self;
+        let mut last = None;
+        let out: &mut dyn FnMut(&Estimate) = &mut |estimate| {
+            let dispatch = (*mode == PublishMode::Event).then(|| dispatch(next(sequence), estimate));
+            if let Some(dispatch) = &dispatch {
+                outlet.send(dispatch);
+            }
+            let now = outlet.now();
             let arrived = Newest {
                 estimate: estimate.clone(),
                 age_ns: (now.realtime_ns - estimate.instant_ns).max(0),
                 arrived_ns: now.monotonic_ns,
             };
-            if *mode == PublishMode::Event {
-                out(&record(next(sequence), &arrived, now));
+            if let Some(dispatch) = dispatch {
+                outlet.keep(&record(dispatch, Some(&arrived), now));
                 *silence_due_ns = Some(now.monotonic_ns + *stale_after_ns);
+                *completed_ns = Some(frame.stamp_ns);
             }
+            last = Some((estimate.outcome.is_ok(), now));
             *newest = Some(arrived);
-        });
-        if let Some(valid) = valid {
+        };
+        cycle.push(frame, out);
+        if let Some(rehearsal) = &mut self.rehearsal {
+            rehearsal.note(frame, last.is_some());
+        }
+        if let Some((valid, now)) = last {
             self.board.write_gauges(self.cycle.stage(), valid);
             self.note_tare(now);
         }
@@ -202,26 +264,28 @@ impl Engine {
 
     /// Lets time pass. In fixed mode publishes one record: the newest estimate with its age, or invalid where there is
     /// none or it is stale. In event mode publishes only where silence has to be told.
-    pub fn tick(&mut self, now: Now, mut out: impl FnMut(&Published)) {
+    pub fn tick(&mut self, now: Now, outlet: &mut impl Outlet) {
         self.note_tare(now);
         match self.mode {
             PublishMode::Fixed => {
                 let number = next(&mut self.sequence);
-                out(&match &self.newest {
-                    None => self.nothing(number, Why::NothingYet, now),
+                let dispatch = match &self.newest {
+                    None => self.nothing(number, Why::NothingYet),
                     Some(newest) if age_ns(newest, now) - newest.estimate.delay_ns > self.stale_after_ns => {
-                        self.nothing(number, Why::Stale, now)
+                        self.nothing(number, Why::Stale)
                     }
-                    Some(newest) => record(number, newest, now),
-                });
+                    Some(newest) => dispatch(number, &newest.estimate),
+                };
+                self.publish(dispatch, outlet);
             }
             PublishMode::Event => {
                 let due_ns = *self.silence_due_ns.get_or_insert(now.monotonic_ns + self.stale_after_ns);
                 if now.monotonic_ns >= due_ns {
                     self.silence_due_ns = Some(now.monotonic_ns + SILENCE_PERIOD_NS);
+                    self.completed_ns = None;
                     let why = if self.newest.is_some() { Why::Stale } else { Why::NothingYet };
                     let number = next(&mut self.sequence);
-                    out(&self.nothing(number, why, now));
+                    self.publish(self.nothing(number, why), outlet);
                 }
             }
         }
@@ -232,25 +296,35 @@ impl Engine {
         if self.mode == PublishMode::Event { self.silence_due_ns } else { None }
     }
 
-    /// Publishes the last record: invalid, nothing follows.
-    pub fn stop(&mut self, now: Now, mut out: impl FnMut(&Published)) {
-        let number = next(&mut self.sequence);
-        out(&self.nothing(number, Why::Stopping, now));
+    /// Event mode: how long the bus may be silent after a frame of this stamp until that has to be told, ns, where stamps alone can
+    /// tell: soon after the frame that completed what was published last. A clock that stepped makes them say nothing.
+    pub fn left_ns(&self, stamp_ns: i64) -> Option<i64> {
+        let passed_ns = stamp_ns.checked_sub(self.completed_ns?)?;
+        (0..=self.stale_after_ns / 2).contains(&passed_ns).then_some(self.stale_after_ns - passed_ns)
     }
 
-    fn nothing(&self, sequence: u64, why: Why, now: Now) -> Published {
-        let newest = self.newest.as_ref();
-        let tared = if self.tared.is_some() { Status::TARED } else { Status::GOOD };
-        Published {
-            sequence,
-            instant_ns: newest.map_or(0, |newest| newest.estimate.instant_ns),
-            last_stamp_ns: newest.map_or(0, |newest| newest.estimate.last_stamp_ns),
-            published_ns: now.realtime_ns,
-            age_ns: newest.map_or(0, |newest| age_ns(newest, now)),
-            round: newest.map_or(0, |newest| newest.estimate.round),
-            status: Status::INVALID.with(Status::STALE).with(tared),
-            outcome: Err(why),
+    /// Event mode: makes use of the time until the next frame, to be ready for it.
+    pub fn rehearse(&mut self) {
+        if let Some(rehearsal) = &mut self.rehearsal {
+            rehearsal.rehearse();
         }
+    }
+
+    /// Publishes the last record: invalid, nothing follows.
+    pub fn stop(&mut self, outlet: &mut impl Outlet) {
+        let number = next(&mut self.sequence);
+        self.publish(self.nothing(number, Why::Stopping), outlet);
+    }
+
+    fn publish(&self, dispatch: Dispatch, outlet: &mut impl Outlet) {
+        outlet.send(&dispatch);
+        let now = outlet.now();
+        outlet.keep(&record(dispatch, self.newest.as_ref(), now));
+    }
+
+    fn nothing(&self, sequence: u64, why: Why) -> Dispatch {
+        let tared = if self.tared.is_some() { Status::TARED } else { Status::GOOD };
+        Dispatch { sequence, status: Status::INVALID.with(Status::STALE).with(tared), outcome: Err(why) }
     }
 }
 
@@ -265,16 +339,21 @@ fn age_ns(newest: &Newest, now: Now) -> i64 {
     newest.age_ns + (now.monotonic_ns - newest.arrived_ns)
 }
 
-fn record(sequence: u64, newest: &Newest, now: Now) -> Published {
-    let estimate = &newest.estimate;
+fn dispatch(sequence: u64, estimate: &Estimate) -> Dispatch {
+    Dispatch { sequence, status: estimate.status, outcome: estimate.outcome.map_err(Why::Refused) }
+}
+
+/// What was sent of this estimate, or for want of a fresher one, with its times.
+fn record(dispatch: Dispatch, newest: Option<&Newest>, now: Now) -> Published {
+    let Dispatch { sequence, status, outcome } = dispatch;
     Published {
         sequence,
-        instant_ns: estimate.instant_ns,
-        last_stamp_ns: estimate.last_stamp_ns,
+        instant_ns: newest.map_or(0, |newest| newest.estimate.instant_ns),
+        last_stamp_ns: newest.map_or(0, |newest| newest.estimate.last_stamp_ns),
         published_ns: now.realtime_ns,
-        age_ns: age_ns(newest, now),
-        round: estimate.round,
-        status: estimate.status,
-        outcome: estimate.outcome.map_err(Why::Refused),
+        age_ns: newest.map_or(0, |newest| age_ns(newest, now)),
+        round: newest.map_or(0, |newest| newest.estimate.round),
+        status,
+        outcome,
     }
 }

@@ -7,6 +7,7 @@
 //! | frames of several interfaces in the order of their stamps | [`merge`] |
 //! | a copy of everything received, for `--record` | [`recorder`] |
 //! | frames and time to published records: no clock, no socket, also used in-process | [`engine`], [`published`] |
+//! | the code kept at hand while a round is coming | `rehearsal` |
 //! | one turn: wait, take in, publish | [`station`], [`grid`] |
 //! | outputs inside the cycle | [`output`] |
 //! | everybody else: a ring that the cycle never waits for, and counters | [`feed`], [`health`] |
@@ -47,6 +48,7 @@ pub mod published;
 #[allow(unsafe_code)]
 pub mod realtime;
 pub mod recorder;
+mod rehearsal;
 #[cfg(target_os = "linux")]
 pub mod runner;
 mod seqlock;

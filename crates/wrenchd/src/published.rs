@@ -51,12 +51,28 @@ pub struct Published {
     pub outcome: Result<Solution, Why>,
 }
 
+/// What of a record must leave at once, before anything else is done: all but the times, which are read when it has left.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dispatch {
+    /// Number of this record since the start.
+    pub sequence: u64,
+    /// What to know before using it.
+    pub status: Status,
+    /// The environment's wrench about E's origin, in E (N, Nm), with its covariance; or why there is none.
+    pub outcome: Result<Solution, Why>,
+}
+
 /// Entries of the upper triangle of a symmetric 6x6.
 const TRIANGLE: usize = 21;
 
 impl Published {
     /// Number of words that a record is.
     pub const WORDS: usize = 8 + 6 + TRIANGLE + 6 + 2 + 6;
+
+    /// What of it leaves at once.
+    pub fn dispatch(&self) -> Dispatch {
+        Dispatch { sequence: self.sequence, status: self.status, outcome: self.outcome }
+    }
 
     /// Whether there is a wrench.
     pub fn is_valid(&self) -> bool {

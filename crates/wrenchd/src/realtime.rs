@@ -2,6 +2,7 @@
 //!
 //! Each right is asked for by itself; where it is refused the daemon runs on without it and says what to do.
 
+use std::cell::Cell;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::mem::zeroed;
@@ -15,13 +16,31 @@ pub const PRIORITY: i32 = 50;
 /// Bit of `CAP_IPC_LOCK` in a set of capabilities.
 const CAP_IPC_LOCK: u32 = 14;
 
+/// How old the known distance between the clocks may be, ns.
+const DISTANCE_HOLDS_NS: i64 = 100_000_000;
+
+/// No stamp that was soon before now is longer ago, ns.
+const SOON_NS: i64 = 5_000_000;
+
 /// The system's clocks.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SystemClock;
 
+/// The same for the cycle. Where reading a clock is a system call each read counts, so soon after a kernel stamp one read does: the
+/// distance between the clocks is looked at again ten times a second, and at once where it contradicts the stamp. Of a step of the
+/// wall clock by less than 5 ms it is a tenth of a second before records know.
+#[derive(Debug, Default)]
+pub struct CycleClock {
+    last: Cell<Option<Now>>,
+}
+
 impl Clock for SystemClock {
     fn now(&self) -> Now {
         Now { realtime_ns: read(libc::CLOCK_REALTIME), monotonic_ns: read(libc::CLOCK_MONOTONIC) }
+    }
+
+    fn now_after(&self, earlier: Now) -> Now {
+        earlier.later(read(libc::CLOCK_MONOTONIC) - earlier.monotonic_ns)
     }
 
     fn sleep_until_ns(&self, monotonic_ns: i64) {
@@ -30,6 +49,30 @@ impl Clock for SystemClock {
         unsafe {
             libc::clock_nanosleep(libc::CLOCK_MONOTONIC, libc::TIMER_ABSTIME, &until, std::ptr::null_mut());
         }
+    }
+}
+
+impl Clock for CycleClock {
+    fn now(&self) -> Now {
+        let now = SystemClock.now();
+        self.last.set(Some(now));
+        now
+    }
+
+    fn now_soon_after(&self, stamp_ns: i64) -> Now {
+        let Some(last) = self.last.get() else { return self.now() };
+        let now = self.now_after(last);
+        let holds = now.monotonic_ns - last.monotonic_ns < DISTANCE_HOLDS_NS;
+        let agrees = (0..SOON_NS).contains(&(now.realtime_ns - stamp_ns));
+        if holds && agrees { now } else { self.now() }
+    }
+
+    fn now_after(&self, earlier: Now) -> Now {
+        SystemClock.now_after(earlier)
+    }
+
+    fn sleep_until_ns(&self, monotonic_ns: i64) {
+        SystemClock.sleep_until_ns(monotonic_ns);
     }
 }
 
@@ -121,5 +164,23 @@ mod tests {
         assert!(after.realtime_ns > 1_600_000_000_000_000_000);
         clock.sleep_until_ns(before.monotonic_ns);
         clock.sleep_until_ns(-5);
+    }
+
+    #[test]
+    fn one_clock_tells_soon_after_a_stamp_unless_they_have_stepped_apart() {
+        let clock = CycleClock::default();
+        let real = clock.now();
+        let told_ns = |stamp_ns| clock.now_soon_after(stamp_ns).realtime_ns - real.realtime_ns;
+        // As if the wall clock had been two milliseconds, and then an hour, ahead when it was last read.
+        clock.last.set(Some(Now { realtime_ns: real.realtime_ns + 2_000_000, ..real }));
+        assert!(told_ns(real.realtime_ns) >= 2_000_000, "nothing contradicts it");
+        clock.last.set(Some(Now { realtime_ns: real.realtime_ns + 3_600_000_000_000, ..real }));
+        assert!(told_ns(real.realtime_ns) < 1_000_000_000, "the stamp contradicts it");
+        clock.last.set(Some(real.earlier(DISTANCE_HOLDS_NS)));
+        assert!(told_ns(real.realtime_ns) >= 0);
+        assert!(
+            clock.last.get().is_some_and(|last| last.monotonic_ns >= real.monotonic_ns),
+            "looked at again"
+        );
     }
 }

@@ -10,7 +10,7 @@ use can::source::{Poll, Source};
 use crate::desk::Inbox;
 use crate::engine::Engine;
 use crate::output::Output;
-use crate::realtime::{self, SystemClock};
+use crate::realtime::{self, CycleClock};
 use crate::station::Station;
 
 /// Stack of the thread: some ten times what a turn uses, small enough to be locked.
@@ -92,7 +92,7 @@ fn run(
     retire: &SyncSender<Box<Replacement>>,
     inbox: &Inbox,
 ) -> can::Result<()> {
-    let clock = SystemClock;
+    let clock = CycleClock::default();
     while !stop.load(Ordering::Acquire) {
         if let Ok(replacement) = offered.try_recv() {
             exchange(&mut station, replacement, retire);

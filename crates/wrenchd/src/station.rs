@@ -9,12 +9,12 @@ use can::source::{Batch, Event, Poll, Source};
 use rig::config::PublishMode;
 
 use crate::command::{Command, Report};
-use crate::engine::{Engine, Now};
+use crate::engine::{Engine, Now, Outlet};
 use crate::feed::FeedWriter;
 use crate::grid::Grid;
 use crate::health::{Health, Totals};
 use crate::output::Output;
-use crate::published::Published;
+use crate::published::{Dispatch, Published};
 
 /// Most events taken in one turn: bounds its work.
 pub const EVENTS_PER_TURN: usize = 2048;
@@ -26,6 +26,14 @@ const LONGEST_WAIT: Duration = Duration::from_millis(100);
 pub trait Clock {
     /// The time now.
     fn now(&self) -> Now;
+    /// The time now, soon after a kernel stamp of the wall clock, ns since the Unix epoch.
+    fn now_soon_after(&self, _stamp_ns: i64) -> Now {
+        self.now()
+    }
+    /// The time now, a moment after `earlier`: between them the clocks have not stepped apart, so that one of them tells.
+    fn now_after(&self, _earlier: Now) -> Now {
+        self.now()
+    }
     /// Waits until then on the monotonic clock, or shorter.
     fn sleep_until_ns(&self, monotonic_ns: i64);
 }
@@ -53,8 +61,34 @@ pub struct Station<S> {
     batch: Batch,
     /// How far the last full batch ends before the time at which it was read, ns.
     unread_ns: i64,
+    /// Event mode: how long the next turn may wait for frames.
+    wait: Duration,
     grid: Option<Grid>,
+    /// Fixed mode: when the last turn ended its wait, on the monotonic clock, ns.
+    woken_ns: i64,
     rate_hz: f64,
+}
+
+/// The sinks with a clock.
+struct Timed<'a, N> {
+    sinks: &'a mut Sinks,
+    now: N,
+}
+
+impl<N: FnMut() -> Now> Outlet for Timed<'_, N> {
+    fn send(&mut self, dispatch: &Dispatch) {
+        for output in &mut self.sinks.outputs {
+            output.publish(dispatch);
+        }
+    }
+
+    fn now(&mut self) -> Now {
+        (self.now)()
+    }
+
+    fn keep(&mut self, record: &Published) {
+        self.sinks.keep(record);
+    }
 }
 
 impl Sinks {
@@ -70,10 +104,8 @@ impl Sinks {
         }
     }
 
-    fn publish(&mut self, record: &Published) {
-        for output in &mut self.outputs {
-            output.publish(record);
-        }
+    /// All that is done with a record once it has left.
+    fn keep(&mut self, record: &Published) {
         self.feed.write(record);
         self.totals.published += 1;
         self.totals.valid += u64::from(record.is_valid());
@@ -105,7 +137,17 @@ impl Sinks {
 impl<S: Source> Station<S> {
     /// Ready to turn; `rate_hz` is the grid's in fixed mode.
     pub fn new(source: S, engine: Engine, rate_hz: f64, sinks: Sinks) -> Self {
-        Self { source, engine, sinks, batch: Batch::new(EVENTS_PER_TURN), unread_ns: 0, grid: None, rate_hz }
+        Self {
+            source,
+            engine,
+            sinks,
+            batch: Batch::new(EVENTS_PER_TURN),
+            unread_ns: 0,
+            wait: Duration::ZERO,
+            grid: None,
+            woken_ns: 0,
+            rate_hz,
+        }
     }
 
     /// One turn. Fixed mode: waits for the grid's next point, takes in what has come, publishes. Event mode: waits for
@@ -121,63 +163,67 @@ impl<S: Source> Station<S> {
     }
 
     fn turn_fixed(&mut self, clock: &impl Clock) -> can::Result<Poll> {
-        let begun_ns = clock.now().monotonic_ns;
-        let grid = self.grid.get_or_insert_with(|| Grid::new(begun_ns, self.rate_hz));
+        let grid = self.grid.get_or_insert_with(|| {
+            self.woken_ns = clock.now().monotonic_ns;
+            Grid::new(self.woken_ns, self.rate_hz)
+        });
         let due_ns = grid.due_ns();
-        let longest_ns = LONGEST_WAIT.as_nanos() as i64;
-        if due_ns - begun_ns > longest_ns {
-            clock.sleep_until_ns(begun_ns + longest_ns);
+        clock.sleep_until_ns(due_ns.min(self.woken_ns + LONGEST_WAIT.as_nanos() as i64));
+        let woken = clock.now();
+        self.woken_ns = woken.monotonic_ns;
+        if woken.monotonic_ns < due_ns {
             return Ok(Poll::Idle);
         }
-        if due_ns > begun_ns {
-            clock.sleep_until_ns(due_ns);
-        }
-        let woken_ns = clock.now().monotonic_ns;
-        if woken_ns < due_ns {
-            return Ok(Poll::Idle);
-        }
-        self.sinks.health.lateness.note(woken_ns - due_ns);
-        self.sinks.totals.overruns += grid.advance(woken_ns);
-        let poll = self.take_in(Duration::ZERO, clock)?;
+        self.sinks.health.lateness.note(woken.monotonic_ns - due_ns);
+        self.sinks.totals.overruns += grid.advance(woken.monotonic_ns);
+        let poll = self.take_in(Duration::ZERO, |_| woken)?;
         let Self { engine, sinks, .. } = self;
-        engine.tick(clock.now(), |record| sinks.publish(record));
+        engine.tick(woken, &mut Timed { sinks, now: || clock.now_after(woken) });
         Ok(poll)
     }
 
     fn turn_event(&mut self, clock: &impl Clock) -> can::Result<Poll> {
-        let wait = self.engine.due_ns().map_or(Duration::ZERO, |due_ns| {
-            let wait_ns = due_ns - clock.now().monotonic_ns;
-            Duration::from_nanos(u64::try_from(wait_ns).unwrap_or(0)).min(LONGEST_WAIT)
-        });
-        let mut poll = self.take_in(wait, clock)?;
+        let arrived = |stamp_ns| clock.now_soon_after(stamp_ns);
+        let mut poll = self.take_in(self.wait, arrived)?;
+        if let Some(left_ns) = self.left_ns() {
+            self.wait = nanoseconds(left_ns);
+            self.engine.rehearse();
+            return Ok(poll);
+        }
         // Silence is told only as of a time up to which everything was read that had come, however late this thread is.
         let now = clock.now();
-        if poll == Poll::Ready && self.engine.due_ns().is_some_and(|due_ns| now.monotonic_ns >= due_ns) {
-            poll = self.take_in(Duration::ZERO, clock)?;
+        if poll != Poll::End && self.engine.due_ns().is_some_and(|due_ns| now.monotonic_ns >= due_ns) {
+            poll = self.take_in(Duration::ZERO, arrived)?;
         }
-        let now = now.earlier(self.unread_ns);
         let Self { engine, sinks, .. } = self;
-        engine.tick(now, |record| sinks.publish(record));
+        engine.tick(now.earlier(self.unread_ns), &mut Timed { sinks, now: || clock.now() });
+        self.wait = nanoseconds(engine.due_ns().map_or(0, |due_ns| due_ns - now.monotonic_ns));
         Ok(poll)
     }
 
-    fn take_in(&mut self, wait: Duration, clock: &impl Clock) -> can::Result<Poll> {
+    /// Event mode: time until silence has to be told, ns, where the stamps of what was read tell: then no clock need be asked.
+    fn left_ns(&self) -> Option<i64> {
+        let last = self.batch.events().iter().rev().find_map(Event::stamped);
+        last.filter(|_| self.batch.room() > 0).and_then(|last| self.engine.left_ns(last.stamp_ns))
+    }
+
+    /// Takes in what has come, or what comes first within this time; `arrived` tells the time of an estimate by its last frame's stamp.
+    fn take_in(&mut self, wait: Duration, arrived: impl Fn(i64) -> Now) -> can::Result<Poll> {
         let poll = self.source.poll(&mut self.batch, wait)?;
         self.unread_ns = 0;
         if poll != Poll::Ready {
             return Ok(poll);
         }
-        let now = clock.now();
         let Self { engine, sinks, batch, .. } = self;
         for event in batch.events() {
             sinks.count(event);
             if let Event::Frame(stamped) = event {
-                engine.push(stamped, now, |record| sinks.publish(record));
+                engine.push(stamped, &mut Timed { sinks, now: || arrived(stamped.stamp_ns) });
             }
         }
         if self.batch.room() == 0 {
             let last_ns = self.batch.events().iter().rev().find_map(|event| Some(event.stamped()?.stamp_ns));
-            self.unread_ns = last_ns.map_or(0, |last_ns| (now.realtime_ns - last_ns).max(0));
+            self.unread_ns = last_ns.map_or(0, |last_ns| (arrived(last_ns).realtime_ns - last_ns).max(0));
         }
         Ok(poll)
     }
@@ -195,7 +241,7 @@ impl<S: Source> Station<S> {
     /// Publishes the last record.
     pub fn stop(&mut self, clock: &impl Clock) {
         let Self { engine, sinks, .. } = self;
-        engine.stop(clock.now(), |record| sinks.publish(record));
+        engine.stop(&mut Timed { sinks, now: || clock.now() });
         self.note();
     }
 
@@ -210,6 +256,7 @@ impl<S: Source> Station<S> {
         self.sinks.last_round = None;
         self.rate_hz = rate_hz;
         self.grid = None;
+        self.wait = Duration::ZERO;
     }
 
     fn note(&mut self) {
@@ -221,4 +268,9 @@ impl<S: Source> Station<S> {
         totals.complete_rounds = replaced.complete_rounds + rounds.complete_rounds;
         health.store(totals);
     }
+}
+
+/// A wait of so long, no longer than any wait may be; none where it is over.
+fn nanoseconds(wait_ns: i64) -> Duration {
+    Duration::from_nanos(u64::try_from(wait_ns).unwrap_or(0)).min(LONGEST_WAIT)
 }

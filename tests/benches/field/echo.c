@@ -1,4 +1,4 @@
-// Peer of event mode: the least that could answer. echo IN OUT ID: after each frame with this identifier three frames on OUT, at once.
+// Peer of event mode: the least that could answer. echo IN OUT ID: after each frame with this identifier two frames on OUT, at once.
 #include <linux/can.h>
 #include <linux/can/raw.h>
 #include <net/if.h>
@@ -32,7 +32,7 @@ int main(int argc, char** argv) {
     struct can_frame frame;
     while (read(in, &frame, sizeof frame) == sizeof frame) {
         if (frame.can_id != last) continue;
-        for (frame.can_id = 0x400; frame.can_id < 0x403; ++frame.can_id)
+        for (frame.can_id = 0x400; frame.can_id < 0x402; ++frame.can_id)
             if (write(out, &frame, sizeof frame) < 0) return 1;
     }
 }

@@ -3,9 +3,11 @@
 //! `cargo bench -p wrenchd-tests --bench field [-- NAME...]` runs all of them, or these, and writes their lines of the table anew; others stay.
 //! It installs the peers itself: Debian packages (as root or by sudo), and Python's into an environment under the build directory.
 
+mod answers;
 mod commands;
 mod dynamics;
 mod endurance;
+mod native;
 mod offline;
 mod peers;
 mod table;

@@ -19,10 +19,13 @@ use socketcan::CanAddr;
 use crate::error::{Error, Result};
 use crate::frame::{CanId, Stamped};
 use crate::source::{Batch, Event, Poll, Source};
-use sys::{BATCH, Receiver};
+use sys::{BATCH, Receiver, Wait};
 
 /// How often a deleted interface is looked for
 const RETRY: Duration = Duration::from_millis(250);
+
+/// How long a call that receives waits by itself: boards that send 100 times a second and more are waited for in it
+const PATIENCE: Duration = Duration::from_millis(10);
 
 /// How an interface is listened to
 #[derive(Clone, PartialEq, Debug)]
@@ -57,11 +60,15 @@ struct Port {
 }
 
 /// Frames from one or more CAN interfaces; their indices are the order they were given in
+///
+/// A poll of a single interface waits in the call that takes the frame, which spares every frame a system call; the kernel counts
+/// that time in its ticks, so that such a poll may take a tick longer than asked for.
 #[derive(Debug)]
 pub struct SocketSource {
     ports: Vec<Port>,
     receiver: Receiver,
     polled: Vec<libc::pollfd>,
+    tick: Duration,
     next: usize,
     receive_buffer: usize,
     unstamped: u64,
@@ -85,7 +92,15 @@ impl SocketSource {
             });
         }
         let polled = vec![libc::pollfd { fd: -1, events: libc::POLLIN, revents: 0 }; ports.len()];
-        Ok(Self { ports, receiver: Receiver::new(), polled, next: 0, receive_buffer, unstamped: 0 })
+        Ok(Self {
+            ports,
+            receiver: Receiver::new(),
+            polled,
+            tick: sys::tick(),
+            next: 0,
+            receive_buffer,
+            unstamped: 0,
+        })
     }
 
     /// Smallest receive buffer that the kernel gave, in bytes of kernel memory; less than asked for where
@@ -119,6 +134,7 @@ impl SocketSource {
         }
     }
 
+    /// Waits until an interface has something, and notes which have; whether any has
     fn wait(&mut self, timeout: Duration) -> Result<bool> {
         let mut limit = timeout;
         for (polled, port) in self.polled.iter_mut().zip(&self.ports) {
@@ -142,8 +158,9 @@ impl SocketSource {
     }
 
     /// One batch of one interface
-    fn receive(&mut self, index: usize, batch: &mut Batch) -> Result<()> {
-        let port = &mut self.ports[index];
+    fn receive(&mut self, index: usize, batch: &mut Batch, wait: Wait) -> Result<()> {
+        let Self { ports, receiver, unstamped, .. } = self;
+        let port = &mut ports[index];
         let interface = index as u8;
         let Some(socket) = &port.socket else { return Ok(()) };
         // Each frame may bring a drop count, and the interface may come up.
@@ -151,32 +168,48 @@ impl SocketSource {
         if most == 0 {
             return Ok(());
         }
-        let got = match self.receiver.receive(socket, most) {
-            Ok(got) => got,
-            Err(error) => return port.failed(error, interface, batch),
-        };
-        if got > 0 && port.down {
-            port.down = false;
-            batch.push(Event::Up { interface });
-        }
-        for slot in 0..got {
-            let (bytes, control) = self.receiver.message(slot);
+        let (down, drops) = (&mut port.down, &mut port.drops);
+        let got = receiver.receive(socket, most, wait, |bytes, control| {
+            if std::mem::take(down) {
+                batch.push(Event::Up { interface });
+            }
             let control = cmsg::parse(control);
-            if let Some(total) = control.drops {
-                let count = total.wrapping_sub(port.drops);
-                if count > 0 {
-                    port.drops = total;
-                    batch.push(Event::Dropped { interface, count });
-                }
+            if let Some(total) = control.drops.filter(|total| total != drops) {
+                batch.push(Event::Dropped { interface, count: total.wrapping_sub(*drops) });
+                *drops = total;
             }
             let stamp_ns = control.stamp_ns.unwrap_or_else(|| {
-                self.unstamped += 1;
+                *unstamped += 1;
                 sys::realtime_ns()
             });
             if let Some(frame) = wire::decode(bytes) {
                 batch.push(Event::received(Stamped { stamp_ns, interface, frame }));
             }
+        });
+        got.map(drop).or_else(|error| port.failed(error, interface, batch))
+    }
+
+    /// Waits for the first frame in the call that takes it, where there is a single interface and time enough; how much of the
+    /// time is left
+    fn receive_patiently(&mut self, batch: &mut Batch, timeout: Duration) -> Result<Duration> {
+        if self.ports.len() != 1 || self.ports[0].socket.is_none() || timeout < PATIENCE {
+            return Ok(timeout);
         }
+        self.receive(0, batch, Wait::Patiently)?;
+        Ok(timeout.saturating_sub(PATIENCE + self.tick))
+    }
+
+    /// One batch of each interface that may have something
+    fn receive_all(&mut self, batch: &mut Batch, polled: bool) -> Result<()> {
+        let ports = self.ports.len();
+        for turn in 0..ports {
+            let index = (self.next + turn) % ports;
+            if !polled || self.polled[index].revents != 0 {
+                self.receive(index, batch, Wait::No)?;
+            }
+        }
+        // A busy interface must not starve the others where the batch is small.
+        self.next = if ports > 0 { (self.next + 1) % ports } else { 0 };
         Ok(())
     }
 }
@@ -208,15 +241,17 @@ impl Source for SocketSource {
     fn poll(&mut self, batch: &mut Batch, timeout: Duration) -> Result<Poll> {
         batch.clear();
         self.reopen(batch);
-        if batch.is_empty() && !self.wait(timeout)? {
-            self.reopen(batch);
+        if !batch.is_empty() || timeout.is_zero() {
+            self.receive_all(batch, false)?;
         } else {
-            let ports = self.ports.len();
-            for turn in 0..ports {
-                self.receive((self.next + turn) % ports, batch)?;
+            let left = self.receive_patiently(batch, timeout)?;
+            if batch.is_empty() {
+                if self.wait(left)? {
+                    self.receive_all(batch, true)?;
+                } else {
+                    self.reopen(batch);
+                }
             }
-            // A busy interface must not starve the others where the batch is small.
-            self.next = if ports > 0 { (self.next + 1) % ports } else { 0 };
         }
         Ok(if batch.is_empty() { Poll::Idle } else { Poll::Ready })
     }
@@ -243,6 +278,7 @@ fn open_receiver(name: &str, options: &SocketOptions) -> Result<(OwnedFd, usize)
     sys::enable(&socket, libc::SOL_SOCKET, libc::SO_TIMESTAMPNS).map_err(fault("asking for stamps", None))?;
     sys::enable(&socket, libc::SOL_SOCKET, libc::SO_RXQ_OVFL)
         .map_err(fault("asking for drop counts", None))?;
+    sys::set_patience(&socket, PATIENCE).map_err(fault("limiting its waiting", None))?;
     let size =
         sys::set_receive_buffer(&socket, options.receive_buffer).map_err(fault("sizing its buffer", None))?;
     sys::bind(&socket, address).map_err(|source| bind_error(name, source))?;

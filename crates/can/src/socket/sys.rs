@@ -1,7 +1,7 @@
 //! The system calls; the only unsafe code of the crate
 
 use std::io;
-use std::mem::{size_of, zeroed};
+use std::mem::{MaybeUninit, size_of, zeroed};
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::ptr::{from_mut, null_mut};
 use std::time::Duration;
@@ -15,16 +15,16 @@ use crate::frame::{CanId, Frame};
 /// Most frames a system call
 pub(super) const BATCH: usize = 64;
 /// Room for a stamp (32 bytes with its header) and a drop count (24)
-const CONTROL: usize = 128;
+const CONTROL: usize = 64;
 
 fn check(result: libc::c_int) -> io::Result<usize> {
     usize::try_from(result).map_err(|_| io::Error::last_os_error())
 }
 
-/// A raw CAN socket that does not block, not yet bound: options that say what arrives must be set before binding,
-/// which the socket types of `socketcan` do not allow for.
+/// A raw CAN socket, not yet bound: options that say what arrives must be set before binding, which the socket types of
+/// `socketcan` do not allow for. Each call on it says by itself whether it may wait.
 pub(super) fn raw_socket() -> io::Result<OwnedFd> {
-    let kind = Type::from(libc::SOCK_RAW | libc::SOCK_NONBLOCK | libc::SOCK_CLOEXEC);
+    let kind = Type::from(libc::SOCK_RAW | libc::SOCK_CLOEXEC);
     let socket = Socket::new_raw(Domain::from(libc::PF_CAN), kind, Some(Protocol::from(libc::CAN_RAW)))?;
     Ok(socket.into())
 }
@@ -79,6 +79,23 @@ pub(super) fn set_receive_buffer(socket: &OwnedFd, bytes: usize) -> io::Result<u
     Ok(got.max(0) as usize)
 }
 
+/// Limits how long a receiving call may wait; the kernel counts it in its own ticks
+pub(super) fn set_patience(socket: &OwnedFd, patience: Duration) -> io::Result<()> {
+    let limit = libc::timeval {
+        tv_sec: libc::time_t::try_from(patience.as_secs()).unwrap_or(libc::time_t::MAX),
+        tv_usec: patience.subsec_micros().into(),
+    };
+    set(socket, libc::SOL_SOCKET, libc::SO_RCVTIMEO, &[limit])
+}
+
+/// The kernel's tick: what it counts coarse times in
+pub(super) fn tick() -> Duration {
+    let mut tick = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: `tick` outlives the call, which only writes to it.
+    unsafe { libc::clock_getres(libc::CLOCK_MONOTONIC_COARSE, &mut tick) };
+    Duration::from_nanos(tick.tv_nsec.unsigned_abs()).max(Duration::from_millis(1))
+}
+
 /// Waits until one of the sockets has something, at most `timeout`; how many have
 pub(super) fn wait(polled: &mut [libc::pollfd], timeout: Duration) -> io::Result<usize> {
     let limit = libc::timespec {
@@ -100,71 +117,100 @@ pub(super) fn realtime_ns() -> i64 {
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(8))]
 struct Slot {
-    control: [u8; CONTROL],
     frame: [u8; FD_MTU],
+    control: [u8; CONTROL],
 }
 
-/// Buffers for a batch of received frames
+/// Whether a receiving call waits for its first frame
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Wait {
+    /// It takes what is there
+    No,
+    /// It waits as long as the socket's patience lasts
+    Patiently,
+}
+
+/// Buffers for a batch of received frames; set up once, so that a call costs by what it brings
 #[derive(Debug)]
 pub(super) struct Receiver {
-    slots: Box<[Slot]>,
-    /// Bytes of frame and of control messages of each received slot
-    lens: [(usize, usize); BATCH],
+    slots: Vec<Slot>,
+    /// Point to the slots
+    vectors: Vec<libc::iovec>,
+    /// Point to the vectors and slots
+    headers: Vec<libc::mmsghdr>,
 }
+
+// SAFETY: the pointers in vectors and headers lead to the heap memory of this receiver's own vectors, which moves with it.
+unsafe impl Send for Receiver {}
 
 impl Receiver {
     pub(super) fn new() -> Self {
-        let slot = Slot { control: [0; CONTROL], frame: [0; FD_MTU] };
-        Self { slots: vec![slot; BATCH].into_boxed_slice(), lens: [(0, 0); BATCH] }
-    }
-
-    /// Receives what is there, at most `most` frames; never waits
-    pub(super) fn receive(&mut self, socket: &OwnedFd, most: usize) -> io::Result<usize> {
-        // SAFETY: all zeros is a valid iovec and mmsghdr: null pointers and integers only.
-        let (mut vectors, mut headers) =
-            unsafe { (zeroed::<[libc::iovec; BATCH]>(), zeroed::<[libc::mmsghdr; BATCH]>()) };
-        for ((slot, vector), header) in self.slots.iter_mut().zip(&mut vectors).zip(&mut headers) {
-            *vector = libc::iovec { iov_base: slot.frame.as_mut_ptr().cast(), iov_len: FD_MTU };
+        let mut slots = vec![Slot { frame: [0; FD_MTU], control: [0; CONTROL] }; BATCH];
+        let vector =
+            |slot: &mut Slot| libc::iovec { iov_base: slot.frame.as_mut_ptr().cast(), iov_len: FD_MTU };
+        let mut vectors: Vec<libc::iovec> = slots.iter_mut().map(vector).collect();
+        let header = |(slot, vector): (&mut Slot, &mut libc::iovec)| {
+            // SAFETY: all zeros is a valid mmsghdr: null pointers and integers only.
+            let mut header = unsafe { zeroed::<libc::mmsghdr>() };
             header.msg_hdr.msg_iov = vector;
             header.msg_hdr.msg_iovlen = 1;
             header.msg_hdr.msg_control = slot.control.as_mut_ptr().cast();
             header.msg_hdr.msg_controllen = CONTROL as _;
-        }
-        let count = most.min(BATCH) as libc::c_uint;
-        // SAFETY: the first `count` headers point to vectors and buffers of the lengths given, all of which outlive the
-        // call and are borrowed by nothing else.
-        let got = check(unsafe {
-            libc::recvmmsg(socket.as_raw_fd(), headers.as_mut_ptr(), count, libc::MSG_DONTWAIT, null_mut())
-        })?;
-        for (lens, header) in self.lens.iter_mut().zip(&headers[..got]) {
-            *lens = ((header.msg_len as usize).min(FD_MTU), header.msg_hdr.msg_controllen.min(CONTROL));
-        }
-        Ok(got)
+            header
+        };
+        let headers = slots.iter_mut().zip(&mut vectors).map(header).collect();
+        Self { slots, vectors, headers }
     }
 
-    /// Frame and control messages of a received slot
-    pub(super) fn message(&self, slot: usize) -> (&[u8], &[u8]) {
-        let (frame, control) = self.lens[slot];
-        (&self.slots[slot].frame[..frame], &self.slots[slot].control[..control])
+    /// Receives what is there, at most `most` frames, and hands each with its control messages to `take`; how many
+    pub(super) fn receive(
+        &mut self,
+        socket: &OwnedFd,
+        most: usize,
+        wait: Wait,
+        mut take: impl FnMut(&[u8], &[u8]),
+    ) -> io::Result<usize> {
+        debug_assert_eq!(self.vectors.len(), self.headers.len());
+        let count = most.min(self.headers.len()) as libc::c_uint;
+        // Waiting is for the first frame only.
+        let flags = if wait == Wait::No { libc::MSG_DONTWAIT } else { libc::MSG_WAITFORONE };
+        // SAFETY: the headers, `count` of which there are at least, point to vectors and buffers of the lengths given, all of
+        // which live as long as this receiver and are borrowed by nothing else.
+        let got = check(unsafe {
+            libc::recvmmsg(socket.as_raw_fd(), self.headers.as_mut_ptr(), count, flags, null_mut())
+        })?;
+        for (slot, header) in self.slots.iter().zip(&mut self.headers).take(got) {
+            let frame = (header.msg_len as usize).min(FD_MTU);
+            let control = header.msg_hdr.msg_controllen.min(CONTROL);
+            take(&slot.frame[..frame], &slot.control[..control]);
+            // All that a call changes of what it was given.
+            header.msg_hdr.msg_controllen = CONTROL as _;
+        }
+        Ok(got)
     }
 }
 
 /// Offers at most [`BATCH`] frames; how many were taken. Never waits.
 pub(super) fn send(socket: &OwnedFd, frames: &[Frame]) -> io::Result<usize> {
     let frames = &frames[..frames.len().min(BATCH)];
-    let mut bytes = [[0u8; FD_MTU]; BATCH];
-    // SAFETY: all zeros is a valid iovec and mmsghdr: null pointers and integers only.
-    let (mut vectors, mut headers) =
-        unsafe { (zeroed::<[libc::iovec; BATCH]>(), zeroed::<[libc::mmsghdr; BATCH]>()) };
-    for (((frame, bytes), vector), header) in
-        frames.iter().zip(&mut bytes).zip(&mut vectors).zip(&mut headers)
-    {
+    // Only as much of these as there are frames is ever written or read.
+    let mut bytes = [const { MaybeUninit::<[u8; FD_MTU]>::uninit() }; BATCH];
+    let mut vectors = [const { MaybeUninit::<libc::iovec>::uninit() }; BATCH];
+    let mut headers = [const { MaybeUninit::<libc::mmsghdr>::uninit() }; BATCH];
+    let places = bytes.iter_mut().zip(&mut vectors).zip(&mut headers);
+    for (frame, ((bytes, vector), header)) in frames.iter().zip(places) {
+        let bytes = bytes.write([0; FD_MTU]);
         let len = wire::encode(frame, bytes);
-        *vector = libc::iovec { iov_base: bytes.as_mut_ptr().cast(), iov_len: len };
+        let vector = vector.write(libc::iovec { iov_base: bytes.as_mut_ptr().cast(), iov_len: len });
+        // SAFETY: all zeros is a valid mmsghdr: null pointers and integers only.
+        let header = header.write(unsafe { zeroed() });
         header.msg_hdr.msg_iov = vector;
         header.msg_hdr.msg_iovlen = 1;
     }
     let count = frames.len() as libc::c_uint;
-    // SAFETY: the first `count` headers point to vectors and buffers of the lengths given, all of which outlive the call.
-    check(unsafe { libc::sendmmsg(socket.as_raw_fd(), headers.as_mut_ptr(), count, libc::MSG_DONTWAIT) })
+    // SAFETY: the first `count` headers are written and point to vectors and buffers of the lengths given, all of which
+    // outlive the call.
+    check(unsafe {
+        libc::sendmmsg(socket.as_raw_fd(), headers.as_mut_ptr().cast(), count, libc::MSG_DONTWAIT)
+    })
 }

@@ -7,7 +7,7 @@ use rig::config::{PublishCan, STANDARD_ID_MAX};
 use rig::wire::{FRAME_LEN, QualityFrame, Scale, TripleFrame};
 
 use super::{Output, OutputCounts};
-use crate::published::Published;
+use crate::published::Dispatch;
 
 /// Makes the three frames of a record.
 #[derive(Clone, Copy, Debug)]
@@ -30,7 +30,7 @@ pub(super) fn open(config: &Config) -> can::Result<Option<Box<dyn Output>>> {
 }
 
 impl Output for CanOutput {
-    fn publish(&mut self, record: &Published) {
+    fn publish(&mut self, record: &Dispatch) {
         self.sender.send(&self.encoder.frames(record));
     }
 
@@ -51,7 +51,7 @@ impl Encoder {
 
     /// Force, torque and quality frame. Without a wrench all three are invalid; a wrench beyond a frame's range makes
     /// that frame invalid.
-    fn frames(&self, record: &Published) -> [Frame; 3] {
+    fn frames(&self, record: &Dispatch) -> [Frame; 3] {
         let (sequence, status) = (record.sequence as u8, record.status.bits());
         let data = match &record.outcome {
             Ok(solution) => {
@@ -96,7 +96,7 @@ mod tests {
         Encoder { ids: [0x400, 0x401, 0x1_0402].map(identifier), force: Scale(0.01), torque: Scale(0.001) }
     }
 
-    fn record(force_x_n: f64, status: Status) -> Published {
+    fn record(force_x_n: f64, status: Status) -> Dispatch {
         let solution = Solution {
             wrench: Wrench::from_vector(&Vector6::new(force_x_n, -2.0, 3.0, 0.1, -0.2, 0.3)),
             covariance: Matrix6::identity() * 0.0001,
@@ -105,16 +105,7 @@ mod tests {
             parity_dof: 2,
             protection: [1.0; 6],
         };
-        Published {
-            sequence: 258,
-            instant_ns: 0,
-            last_stamp_ns: 0,
-            published_ns: 0,
-            age_ns: 0,
-            round: 1,
-            status,
-            outcome: Ok(solution),
-        }
+        Dispatch { sequence: 258, status, outcome: Ok(solution) }
     }
 
     fn triples(frames: &[Frame; 3]) -> [TripleFrame; 2] {
@@ -150,7 +141,7 @@ mod tests {
     #[test]
     fn without_a_wrench_all_frames_are_invalid_and_say_why() {
         let status = Status::INVALID.with(Status::STALE);
-        let frames = encoder().frames(&Published { outcome: Err(Why::Stale), ..record(1.0, status) });
+        let frames = encoder().frames(&Dispatch { outcome: Err(Why::Stale), ..record(1.0, status) });
         for triple in triples(&frames) {
             assert_eq!((triple.raw, triple.sequence, triple.status), ([INVALID_RAW; 3], 2, 0b1001));
         }

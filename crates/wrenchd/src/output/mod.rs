@@ -10,7 +10,7 @@ mod metrics;
 #[cfg(target_os = "linux")]
 pub mod rdt;
 
-use crate::published::Published;
+use crate::published::Dispatch;
 
 /// What became of the records that an output was given.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -26,8 +26,8 @@ pub struct OutputCounts {
 /// `publish` must not allocate, lock, log, or make a system call that can wait. What cannot be sent now is dropped and
 /// counted: the next record is better than an old one.
 pub trait Output: Send {
-    /// Takes the next record.
-    fn publish(&mut self, record: &Published);
+    /// Sends the next record.
+    fn publish(&mut self, record: &Dispatch);
 
     /// What became of all records so far.
     fn counts(&self) -> OutputCounts;

@@ -21,7 +21,7 @@ use rig::Config;
 use super::{Opened, Output, OutputCounts};
 use crate::network::Shared;
 use crate::network::ports::{PortError, Ports};
-use crate::published::Published;
+use crate::published::Dispatch;
 use record::Recorder;
 pub use record::Request;
 pub use stream::{Grants, Stream};
@@ -54,7 +54,7 @@ pub(super) fn open(config: &Config, shared: &Shared, ports: &mut Ports) -> Resul
 }
 
 impl Output for RdtOutput {
-    fn publish(&mut self, record: &Published) {
+    fn publish(&mut self, record: &Dispatch) {
         self.recorder.note(record);
         let Some((to, number)) = self.stream.next_record() else { return };
         let data = self.recorder.record(number, record);

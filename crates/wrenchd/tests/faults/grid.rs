@@ -16,7 +16,7 @@ use sim::motion::{MotionLimits, Sine, Sines};
 use sim::{Options, Scenario, Simulator, Trajectory};
 use std::fmt::Write;
 use std::time::Duration;
-use wrenchd::engine::{Engine, Now};
+use wrenchd::engine::{Engine, Now, Told};
 use wrenchd::published::Published;
 
 use crate::common::{model, rig_with, truth};
@@ -326,17 +326,23 @@ fn run(rig: &Rig, frames: &[Timed], world: &mut Simulator, fault: &Fault, seed: 
         while tick_ns < at_ns {
             tick_ns = (tick_ns + 5_000_000).min(at_ns);
             let record_at_ns = tick_ns;
-            engine.tick(Now::simulated(sim::START_NS + tick_ns), |record| {
-                if record_at_ns > BEGIN_NS {
-                    row.take(record, record_at_ns, world);
-                }
-            });
+            engine.tick(
+                Now::simulated(sim::START_NS + tick_ns),
+                &mut Told::new(Now::simulated(sim::START_NS + tick_ns), |record| {
+                    if record_at_ns > BEGIN_NS {
+                        row.take(record, record_at_ns, world);
+                    }
+                }),
+            );
         }
-        engine.push(&frame, now(&frame, at_ns + sim::START_NS), |record| {
-            if at_ns >= BEGIN_NS {
-                row.take(record, at_ns, world);
-            }
-        });
+        engine.push(
+            &frame,
+            &mut Told::new(now(&frame, at_ns + sim::START_NS), |record| {
+                if at_ns >= BEGIN_NS {
+                    row.take(record, at_ns, world);
+                }
+            }),
+        );
         for gauge in 0..8 {
             let isolated = engine.cycle().stage().gauge_states()[gauge] == rig::cycle::GaugeState::Isolated;
             if isolated && !row.isolated.contains(&gauge) {

@@ -9,7 +9,7 @@ use rig::{Rig, Status};
 use sim::motion::{MotionLimits, Trajectory};
 use sim::{Options, Scenario, Simulator, Truth};
 use wrenchd::command::{Command, Done, Order, Report};
-use wrenchd::engine::{Engine, Now};
+use wrenchd::engine::{Engine, Now, Told};
 use wrenchd::published::Published;
 
 use crate::common::{model, rig, truth};
@@ -52,11 +52,14 @@ impl World {
         let mut records = Vec::new();
         while let Some(frame) = self.arm.next_if(|frame| frame.stamp_ns < end_ns) {
             let now = Now::simulated(frame.stamp_ns + 50_000);
-            self.engine.push(&frame, now, |record| records.push(*record));
-            self.engine.tick(now, |record| records.push(*record));
+            self.engine.push(&frame, &mut Told::new(now, |record| records.push(*record)));
+            self.engine.tick(now, &mut Told::new(now, |record| records.push(*record)));
         }
         self.time_ns = end_ns;
-        self.engine.tick(Now::simulated(end_ns), |record| records.push(*record));
+        self.engine.tick(
+            Now::simulated(end_ns),
+            &mut Told::new(Now::simulated(end_ns), |record| records.push(*record)),
+        );
         records
     }
 
@@ -180,7 +183,7 @@ fn a_tare_is_refused_in_motion_without_a_wrench_and_without_snapshots() {
     world.run(0.3);
     world.order(Order::Tare);
     world.time_ns += 2_100_000_000;
-    world.engine.tick(Now::simulated(world.time_ns), |_| {});
+    world.engine.tick(Now::simulated(world.time_ns), &mut Told::new(Now::simulated(world.time_ns), |_| {}));
     assert_eq!(refused(&mut world), TareRefusal::Silent);
 }
 

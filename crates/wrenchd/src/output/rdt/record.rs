@@ -2,7 +2,7 @@
 
 use rig::config::PublishRdt;
 
-use crate::published::Published;
+use crate::published::Dispatch;
 
 /// Length of a request.
 const REQUEST_BYTES: usize = 8;
@@ -62,7 +62,7 @@ impl Recorder {
     }
 
     /// Takes in what was published, whether anybody listens or not. A wrench beyond the counts' range is none.
-    pub(super) fn note(&mut self, record: &Published) {
+    pub(super) fn note(&mut self, record: &Dispatch) {
         let scaled = record.outcome.ok().map(|solution| {
             let wrench = solution.wrench.to_vector();
             std::array::from_fn(|k| (wrench[k] * self.counts_per_unit[k]).round())
@@ -75,7 +75,7 @@ impl Recorder {
     }
 
     /// The record of this number since the stream's start, from what was noted last.
-    pub(super) fn record(&self, number: u32, record: &Published) -> [u8; RECORD_BYTES] {
+    pub(super) fn record(&self, number: u32, record: &Dispatch) -> [u8; RECORD_BYTES] {
         let mut data = [0; RECORD_BYTES];
         let head = [number, record.sequence as u32, self.status];
         let words = head.map(u32::to_be_bytes).into_iter().chain(self.last_counts.map(i32::to_be_bytes));
@@ -96,7 +96,7 @@ mod tests {
     use proptest::prelude::*;
     use rig::Status;
 
-    fn published(sequence: u64, force_x_n: Option<f64>) -> Published {
+    fn published(sequence: u64, force_x_n: Option<f64>) -> Dispatch {
         let solution = |x| Solution {
             wrench: Wrench::from_vector(&Vector6::new(x, -1.0, 0.5, 0.001, -0.002, 0.25)),
             covariance: Matrix6::identity(),
@@ -105,16 +105,8 @@ mod tests {
             parity_dof: 2,
             protection: [1.0; 6],
         };
-        Published {
-            sequence,
-            instant_ns: 0,
-            last_stamp_ns: 0,
-            published_ns: 0,
-            age_ns: 0,
-            round: 1,
-            status: Status::DEGRADED,
-            outcome: force_x_n.map(solution).ok_or(Why::Stale),
-        }
+        let outcome = force_x_n.map(solution).ok_or(Why::Stale);
+        Dispatch { sequence, status: Status::DEGRADED, outcome }
     }
 
     fn words(data: &[u8; RECORD_BYTES]) -> Vec<i64> {
@@ -142,7 +134,7 @@ mod tests {
     #[test]
     fn a_record_is_36_bytes_with_the_last_wrench_where_there_is_none() {
         let mut recorder = Recorder::new(&PublishRdt { counts_per_nm: 2_000_000, ..PublishRdt::default() });
-        let mut next = |number, record: Published| {
+        let mut next = |number, record: Dispatch| {
             recorder.note(&record);
             words(&recorder.record(number, &record))
         };
