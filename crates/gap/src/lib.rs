@@ -20,6 +20,7 @@ mod division;
 mod doubt;
 pub mod effects;
 mod error;
+mod establish;
 mod fit;
 mod folds;
 mod generic;

@@ -224,13 +224,18 @@ fn line(outcome: &Outcome, recorded: &Recorded, arm: &Arm, diagnosis: &Diagnosis
         .collect();
     let found: Vec<String> = outcome.findings.iter().map(|judged| judged.line.clone()).collect();
     let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.3}"));
+    let notes = if diagnosis.notes.is_empty() {
+        String::new()
+    } else {
+        format!(" notes: {}", diagnosis.notes.join("; "))
+    };
     let withheld = outcome.withheld.as_ref().map_or(String::new(), |list| {
         let neighbour = |judged: &Judged| if judged.is_neighbour { " (neighbour)" } else { "" };
         let one = |judged: &Judged| format!("{}{}", judged.line, neighbour(judged));
         format!(" withheld: [{}]", list.iter().map(one).collect::<Vec<_>>().join(", "))
     });
     format!(
-        "arm {} seed {:x} [{}] {:?} {:.3} -> {:.3} ({:.3}) shrink {} ({}) oracle {} {:.1} s: [{}]{withheld}",
+        "arm {} seed {:x} [{}] {:?} {:.3} -> {:.3} ({:.3}) shrink {} ({}) oracle {} {:.1} s: [{}]{withheld}{notes}",
         outcome.case.arm,
         outcome.case.seed,
         put_in.join(", "),
