@@ -241,12 +241,18 @@ fn is_better(search: &Search<'_, '_, '_>, main: &Choice, other: &Choice, gain: f
     ahead.iter().sum::<f64>() > NOTHING * gain && search.bootstrap.quantile_of_sum(&ahead, BETTER) > 0.0
 }
 
-/// Whether `other` reaches (nearly) the gain of `main`.
+/// Whether `other` reaches (nearly) the gain of `main`. Where noise is not known, what is left is what both forms lack: they are not told
+/// apart by less than that.
 fn is_as_good(search: &Search<'_, '_, '_>, main: &Choice, other: &Choice, gain: f64) -> bool {
-    let reached = gain - sum_of_difference(other, main);
+    let lacks = sum_of_difference(other, main);
     let behind: Vec<f64> = other.residual.iter().zip(&main.residual).map(|(a, b)| a - b).collect();
-    reached >= AS_GOOD * gain
-        || (reached >= NEAR * gain && search.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
+    let is_noise_known = !search.library.session.hold_out.is_even.is_empty();
+    let is_unclear = || {
+        (!is_noise_known && lacks <= main.residual.iter().sum())
+            || search.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0
+    };
+    let reached = gain - lacks;
+    reached >= AS_GOOD * gain || (reached >= NEAR * gain && is_unclear())
 }
 
 /// Interval of 95 % of a ratio of sums over scored blocks.
