@@ -38,6 +38,7 @@ pub mod runs;
 mod screen;
 mod select;
 pub mod session;
+mod shapes;
 mod spectrum;
 mod words;
 

@@ -119,3 +119,11 @@ fn play(session: &Session, own: &crate::session::Channel, width: f64, from: f64)
     }
     values
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_memory_belongs_to_the_unit_where_it_is_largest() {
+        assert_eq!(super::most_in(&[1.0, -5.0, 2.0, 3.0], 2, |row| row % 2), 1);
+    }
+}

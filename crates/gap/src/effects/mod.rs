@@ -394,3 +394,13 @@ fn without_moving_joint(session: &Session) -> Option<String> {
     }
     joints_with_moments(session).is_empty().then(|| NO_JOINT.to_owned())
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_decay_is_the_exponential_on_both_sides_of_its_series() {
+        for x in [0.0, 1e-6, 0.01, 0.0299, 0.0301, 0.5, 3.0_f64] {
+            assert!((super::decay(x) - (-x).exp()).abs() < 1e-14, "{x}");
+        }
+    }
+}
