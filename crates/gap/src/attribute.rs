@@ -10,7 +10,7 @@ use crate::effects::{CATALOGUE, Fitted, Place, Role};
 use crate::fit::{Design, Fold};
 use crate::library::{Library, TermId};
 use crate::refine::shape_sigma;
-use crate::select::{Search, WORTH};
+use crate::select::{LEAST_OF_WORTH, REMAINDER, Search, WORTH};
 
 /// An outer fold with what was chosen on its training blocks.
 #[derive(Clone)]
@@ -27,10 +27,6 @@ pub(crate) struct Subsets {
 
 /// Share of what goes away on left-out units that an effect must account for to be listed.
 const LEAST_SHARE: f64 = 0.01;
-
-/// Share of an effect's part that may be left of it since real forms differ from the catalogue's (a power law from an exponential,
-/// a loop with round corners from a play).
-const REMAINDER: f64 = 0.08;
 
 impl Subsets {
     /// Fits every subset in every outer fold.
@@ -72,7 +68,10 @@ impl Subsets {
         let least = if session.hold_out.is_even.is_empty() {
             share
         } else {
-            share.min(WORTH * library.counts.iter().sum::<f64>() / session.channels.len().max(1) as f64)
+            share.min(
+                LEAST_OF_WORTH * WORTH * library.counts.iter().sum::<f64>()
+                    / session.channels.len().max(1) as f64,
+            )
         };
         (value <= least).then_some(bit)
     }
@@ -158,19 +157,21 @@ pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usi
         total += gain;
         let freedom = search.library.terms[main.terms[index]].freedom();
         let worth = worth(search, main, index, gain);
-        for (_, id) in search.rivals_of(&rest, main.terms[index], |other| !taken.contains(&other)) {
+        let mut found = BTreeSet::new();
+        let most_freedom = 2 * freedom + 1;
+        for id in search.rivals_of(&rest, main.terms[index], most_freedom, |other| !taken.contains(&other)) {
             let term = &search.library.terms[id];
             let (rival, free) = (term.effect, term.freedom());
             let other = search.choice(rest.iter().copied().chain([id]).collect());
             // What needs many more parameters to do the same is no rival, but what clearly does better is.
-            let is_simple = free <= 2 * freedom + 1;
+            let is_simple = free <= most_freedom;
             let other = if is_simple { with_own_shapes(search, main, other, worth) } else { other };
             let is_rival = (is_simple
                 && is_as_good(search, main, &other, worth)
                 && (search.library.session.hold_out.is_even.is_empty()
                     || exceeds(search.library, &other.terms, rest.len(), &search.training.blocks)))
                 || is_better(search, main, &other, gain);
-            if is_rival {
+            if is_rival && found.insert(rival) {
                 *as_good.entry(rival).or_default() += gain;
             }
         }
@@ -240,12 +241,18 @@ fn is_better(search: &Search<'_, '_, '_>, main: &Choice, other: &Choice, gain: f
     ahead.iter().sum::<f64>() > NOTHING * gain && search.bootstrap.quantile_of_sum(&ahead, BETTER) > 0.0
 }
 
-/// Whether `other` reaches (nearly) the gain of `main`.
+/// Whether `other` reaches (nearly) the gain of `main`. Where noise is not known, what is left is what both forms lack: they are not told
+/// apart by less than that.
 fn is_as_good(search: &Search<'_, '_, '_>, main: &Choice, other: &Choice, gain: f64) -> bool {
-    let reached = gain - sum_of_difference(other, main);
+    let lacks = sum_of_difference(other, main);
     let behind: Vec<f64> = other.residual.iter().zip(&main.residual).map(|(a, b)| a - b).collect();
-    reached >= AS_GOOD * gain
-        || (reached >= NEAR * gain && search.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
+    let is_noise_known = !search.library.session.hold_out.is_even.is_empty();
+    let is_unclear = || {
+        (!is_noise_known && lacks <= main.residual.iter().sum())
+            || search.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0
+    };
+    let reached = gain - lacks;
+    reached >= AS_GOOD * gain || (reached >= NEAR * gain && is_unclear())
 }
 
 /// Interval of 95 % of a ratio of sums over scored blocks.

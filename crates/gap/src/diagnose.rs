@@ -1,12 +1,13 @@
 //! The whole diagnosis of a session.
 
-use crate::attribute::{self, Chosen, Subsets};
+use crate::attribute::{self, Chosen};
 use crate::bootstrap::Bootstrap;
 use crate::candidates::{Candidates, Choice, Training, sum_of_difference};
 use crate::diagnosis::{Diagnosis, Evidence, NotTestable};
 use crate::effects::{CATALOGUE, Place, by_id};
+use crate::establish::{Ground, Kept, add_events};
 use crate::folds;
-use crate::generic::{Generic, REFUTES};
+use crate::generic::Generic;
 use crate::library::{Library, TermId};
 use crate::location;
 use crate::loops;
@@ -84,7 +85,15 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
     add_events(&mut library, &main, &mut chosen);
     let mut kept = Kept { terms: main.terms, effects: Vec::new(), notes: session.notes.clone() };
     let generic = Generic::new(session);
-    let subsets = kept.establish(&library, &mut chosen, &bootstrap, generic.as_ref());
+    let trainings: Vec<&Training> = trainings.iter().map(|(training, _)| training).collect();
+    let ground = Ground {
+        candidates: &candidates,
+        bootstrap: &bootstrap,
+        training: &training,
+        trainings: &trainings,
+        generic: generic.as_ref(),
+    };
+    let subsets = kept.establish(&mut library, &mut chosen, &ground);
     let Kept { terms, effects, mut notes } = kept;
     let mut search =
         Search { library: &mut library, candidates: &candidates, training: &training, bootstrap: &bootstrap };
@@ -137,101 +146,6 @@ fn often(choices: &[BTreeSet<usize>], effect: usize) -> f64 {
     choices.iter().filter(|own| own.contains(&effect)).count() as f64 / choices.len().max(1) as f64
 }
 
-/// What is left of a choice after everything that speaks against it.
-struct Kept {
-    terms: Vec<TermId>,
-    effects: Vec<usize>,
-    notes: Vec<String>,
-}
-
-impl Kept {
-    /// Takes away what most parts of the data did not choose, what does not help on what was left out, and what a model that knows
-    /// no physics foretells better.
-    fn establish(
-        &mut self,
-        library: &Library<'_>,
-        chosen: &mut [Chosen],
-        bootstrap: &Bootstrap,
-        generic: Option<&Generic>,
-    ) -> Subsets {
-        self.effects = attribute::established(library, &self.terms, chosen);
-        loop {
-            self.terms.retain(|id| self.effects.contains(&library.terms[*id].effect));
-            for part in chosen.iter_mut() {
-                part.terms.retain(|id| self.effects.contains(&library.terms[*id].effect));
-            }
-            let subsets = Subsets::new(library, chosen, &self.effects);
-            if let Some(bit) = subsets.remainder(library, &self.terms) {
-                let id = CATALOGUE[self.effects.remove(bit)].id();
-                self.notes.push(format!("{id} would take up a little of what a larger effect leaves on the same gauges: a form that is not quite the catalogue's"));
-            } else if let Some(bit) = subsets.failing(library) {
-                let id = CATALOGUE[self.effects.remove(bit)].id();
-                let note =
-                    format!("{id} seemed to help on what was fitted, but did not on what was left out");
-                self.notes.push(note);
-            } else if let Some(bit) = self.uncertain_event(library, chosen, bootstrap) {
-                let id = CATALOGUE[self.effects.remove(bit)].id();
-                self.notes.push(format!(
-                    "{id} seemed to be there for a while, but not for certain on the seconds that were left out"
-                ));
-            } else if !generic.is_some_and(|generic| self.outdone(library, chosen, generic, bootstrap)) {
-                return subsets;
-            }
-        }
-    }
-
-    /// An event that may as well be noise.
-    fn uncertain_event(
-        &self,
-        library: &Library<'_>,
-        chosen: &[Chosen],
-        bootstrap: &Bootstrap,
-    ) -> Option<usize> {
-        let is_uncertain = |effect: &usize| {
-            let is_own = |id: TermId| library.terms[id].effect == *effect;
-            let own = || self.terms.iter().filter(|id| is_own(**id));
-            own().all(|id| library.terms[*id].is_event())
-                && !crate::refit::is_sure(library, chosen, is_own, bootstrap)
-        };
-        self.effects.iter().position(is_uncertain)
-    }
-
-    /// Takes terms away where the generic model is better; whether there were any.
-    fn outdone(
-        &mut self,
-        library: &Library<'_>,
-        chosen: &mut [Chosen],
-        generic: &Generic,
-        bootstrap: &Bootstrap,
-    ) -> bool {
-        let session = library.session;
-        let after = location::by_block(library, chosen);
-        let site = |id: &TermId| (library.terms[*id].effect, library.terms[*id].place);
-        let mut outdone = Vec::new();
-        for id in &self.terms {
-            let term = &library.terms[*id];
-            let lead = generic.lead(session, &term.channels, &after, bootstrap);
-            if lead <= REFUTES {
-                continue;
-            }
-            outdone.push(site(id));
-            let names: Vec<&str> = term.channels.iter().map(|k| session.channels[*k].name.as_str()).collect();
-            self.notes.push(format!(
-                "{} of {} is not the cause: a zero and a scale that wander foretell {:.0} % more of the gap there; something that \
-                 changes with time in its own way",
-                CATALOGUE[term.effect].id(),
-                names.join(", "),
-                100.0 * lead
-            ));
-        }
-        self.terms.retain(|id| !outdone.contains(&site(id)));
-        chosen.iter_mut().for_each(|part| part.terms.retain(|id| !outdone.contains(&site(id))));
-        let has_terms = |effect: &usize| self.terms.iter().any(|id| library.terms[*id].effect == *effect);
-        self.effects.retain(has_terms);
-        !outdone.is_empty()
-    }
-}
-
 /// Chooses on a training set; also the chosen terms with their continuous parameters at their best.
 fn select(
     library: &mut Library<'_>,
@@ -244,28 +158,6 @@ fn select(
     let terms = refine(library, candidates, &choice.terms, 0, &training.blocks);
     choice.terms.clone_from(&terms);
     (choice, terms)
-}
-
-/// What exists in one unit only (a contact, a limit that is reached) cannot be chosen where that unit is left out: there it is
-/// taken from the choice on everything, and its size from the unit's even seconds.
-fn add_events(library: &mut Library<'_>, main: &Choice, chosen: &mut [Chosen]) {
-    let units = &library.session.hold_out.unit_of_block;
-    for part in chosen {
-        let left_out: BTreeSet<usize> = part.fold.score.iter().map(|block| units[*block]).collect();
-        for id in &main.terms {
-            let term = &library.terms[*id];
-            let mut own = term.columns.iter().filter_map(|column| column.unit_only);
-            let site = |other: &TermId| {
-                let other = &library.terms[*other];
-                (other.effect, other.place) == (term.effect, term.place)
-            };
-            let is_unseen = own.any(|unit| left_out.contains(&unit)) || !library.shows(*id, &part.fold.fit);
-            if is_unseen && !part.terms.iter().any(site) {
-                part.terms.push(*id);
-            }
-        }
-        library.prepare(&part.terms, &part.terms);
-    }
 }
 
 /// Squared residual that noise leaves on these blocks.

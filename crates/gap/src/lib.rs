@@ -20,6 +20,7 @@ mod division;
 mod doubt;
 pub mod effects;
 mod error;
+mod establish;
 mod fit;
 mod folds;
 mod generic;
@@ -37,6 +38,7 @@ pub mod runs;
 mod screen;
 mod select;
 pub mod session;
+mod shapes;
 mod spectrum;
 mod words;
 

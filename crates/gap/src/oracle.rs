@@ -1,8 +1,11 @@
 //! How far the gap shrinks once effect and place are known: the yardstick of a benchmark, on the folds of a diagnosis.
+//!
+//! Shapes are chosen as a diagnosis chooses them, by what was left out inside the training data: of those that explain most of what they
+//! are fitted on, the widest would be taken, and be no yardstick on another motion.
 
 use crate::attribute::{Chosen, Subsets};
 use crate::bootstrap::Bootstrap;
-use crate::candidates::Candidates;
+use crate::candidates::{Candidates, sum_of_difference};
 use crate::effects::{CATALOGUE, Place, by_id};
 use crate::folds;
 use crate::library::{Library, TermId};
@@ -57,14 +60,21 @@ fn given(
 }
 
 impl Search<'_, '_, '_> {
-    /// Every candidate at its place, with its best shape.
+    /// Every candidate at its place, with the shape that leaves least of what was left out.
     fn given(&mut self, rounds: usize) -> Vec<TermId> {
-        let mut terms: Vec<TermId> = self.candidates.iter().map(|(_, shapes)| shapes[0]).collect();
+        let sites: Vec<Vec<TermId>> = self.candidates.iter().map(|(_, shapes)| shapes.to_vec()).collect();
+        let mut best = self.choice(sites.iter().map(|shapes| shapes[0]).collect());
         for _ in 0..rounds {
-            let choice = self.choice(terms);
-            terms = self.better_shapes(choice).terms;
-            terms = crate::refine::refine(self.library, self.candidates, &terms, 0, &self.training.blocks);
+            for (index, shapes) in sites.iter().enumerate() {
+                for &shape in shapes {
+                    let mut terms = best.terms.clone();
+                    terms[index] = shape;
+                    let other = self.choice(terms);
+                    best = if sum_of_difference(&best, &other) > 0.0 { other } else { best };
+                }
+            }
+            best = self.refined(best, 0);
         }
-        terms
+        best.terms
     }
 }

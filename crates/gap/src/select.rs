@@ -15,6 +15,7 @@ use crate::fit::Design;
 use crate::library::{Library, TermId};
 use crate::refine::refine;
 use crate::screen::Screen;
+use crate::shapes::{EQUALLY_GOOD, Found, best_shape};
 
 /// Share of the reducible gap that a further effect must explain, and a further place of one already found.
 const LEAST_SHARE: f64 = 0.01;
@@ -30,8 +31,6 @@ const GROUPS: usize = 6;
 /// Share of draws in which an improvement may fail to show: of a further effect, and of a further place of one already found.
 const DOUBT: f64 = 0.005;
 const DOUBT_OF_PLACE: f64 = 0.05;
-/// Candidates whose improvements differ by less than this share of the larger are equally good.
-const EQUALLY_GOOD: f64 = 0.03;
 /// So far apart they may be if drawing blocks anew does not tell them apart.
 const UNCLEAR: f64 = 0.2;
 const UNCLEAR_AT_THE_END: f64 = 0.05;
@@ -43,6 +42,13 @@ const LEAST_OF_FOLD: f64 = 0.02;
 
 /// Mean square over its noise by which a channel must improve, at most.
 pub(crate) const WORTH: f64 = 0.05;
+
+/// Share of an effect's part that may be left of it since real forms differ from the catalogue's (a power law from an exponential,
+/// a loop with round corners from a play).
+pub(crate) const REMAINDER: f64 = 0.08;
+
+/// Part of that which makes a finding if it is beyond doubt: what is left of a small effect on other motions is less than all of it.
+pub(crate) const LEAST_OF_WORTH: f64 = 0.5;
 
 /// What a step brings.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -59,24 +65,6 @@ pub(crate) struct Search<'c, 'l, 's> {
     pub(crate) candidates: &'c Candidates,
     pub(crate) training: &'c Training,
     pub(crate) bootstrap: &'c Bootstrap,
-}
-
-/// The shape that explains most; of those that are as good the one with the fewest parameters. What differs by more than is worth
-/// finding is not as good, however small a share of a large gap it is.
-fn best_shape(
-    screen: &Screen<'_, '_>,
-    library: &Library<'_>,
-    shapes: &[TermId],
-    worth: f64,
-) -> Option<(f64, TermId)> {
-    let gains: Vec<(f64, TermId)> = shapes.iter().map(|id| (screen.gain(*id), *id)).collect();
-    let most = gains.iter().map(|(gain, _)| *gain).max_by(f64::total_cmp)?;
-    let within = if library.session.hold_out.is_even.is_empty() { 0.0 } else { EQUALLY_GOOD };
-    let as_good = gains.into_iter().filter(|(gain, _)| most - gain <= (within * most.abs()).min(worth));
-    as_good.min_by(|a, b| {
-        let freedom = |id: TermId| library.terms[id].freedom();
-        freedom(a.1).cmp(&freedom(b.1)).then(b.0.total_cmp(&a.0))
-    })
 }
 
 /// Blocks in which an effect must show to be judged by these alone: an even second and an odd one.
@@ -107,6 +95,7 @@ impl Search<'_, '_, '_> {
             }
             choice = self.swapped(choice, reducible);
             choice = self.backward(choice, reducible);
+            choice = self.without_remainders(choice);
             ends.push((sum_of_difference(&nothing, &choice), self.freedom(&choice.terms), choice));
         }
         self.simplest(&ends, UNCLEAR_AT_THE_END).unwrap_or(nothing)
@@ -148,16 +137,28 @@ impl Search<'_, '_, '_> {
         self.choice(terms)
     }
 
+    /// The choice with those of the given effects that it lacks, in shapes that suit this training set, if they improve it: as a further
+    /// place of an effect must, since other parts of the data found them by themselves.
+    pub(crate) fn with_missing(&mut self, choice: Choice, given: &[TermId]) -> Choice {
+        let own = self.effects(&choice.terms);
+        let missing: Vec<TermId> =
+            given.iter().copied().filter(|id| !own.contains(&self.library.terms[*id].effect)).collect();
+        if missing.is_empty() {
+            return choice;
+        }
+        let all: Vec<TermId> = choice.terms.iter().copied().chain(missing).collect();
+        let whole = self.reshaped(&all);
+        let reducible = (self.choice(Vec::new()).residual.iter().sum::<f64>() - self.training.floor).max(0.0);
+        let asks = self.is_plausible(&whole) && self.improves(&choice, &whole, News::Place, reducible);
+        if asks { whole } else { choice }
+    }
+
     fn effects(&self, terms: &[TermId]) -> BTreeSet<usize> {
         terms.iter().map(|id| self.library.terms[*id].effect).collect()
     }
 
     /// Best shape of every (effect, place) that may be added, with its fall of the squared residual where it is fitted.
-    pub(crate) fn screened(
-        &mut self,
-        terms: &[TermId],
-        allowed: impl Fn(usize) -> bool,
-    ) -> Vec<(f64, TermId)> {
+    pub(crate) fn screened(&mut self, terms: &[TermId], allowed: impl Fn(usize) -> bool) -> Vec<Found> {
         let taken: BTreeSet<(usize, Place)> = terms.iter().map(|id| self.site(*id)).collect();
         let open: Vec<&[TermId]> = self
             .candidates
@@ -185,8 +186,11 @@ impl Search<'_, '_, '_> {
         let effects = self.effects(&choice.terms);
         let may_grow = effects.len() < MOST_EFFECTS;
         let mut screened = self.screened(&choice.terms, |effect| may_grow || effects.contains(&effect));
-        screened.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let mut steps: Vec<Vec<TermId>> = screened.iter().take(SCORED).map(|(_, id)| vec![*id]).collect();
+        screened.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        let shapes = |found: &Found| {
+            found.simpler.iter().map(|(_, id)| *id).chain([found.id]).map(|id| vec![id]).collect::<Vec<_>>()
+        };
+        let mut steps: Vec<Vec<TermId>> = screened.iter().take(SCORED).flat_map(shapes).collect();
         steps.extend(self.groups(&screened, reducible));
         let mut scored: BTreeMap<usize, Vec<(f64, usize, Choice)>> = BTreeMap::new();
         for step in steps {
@@ -216,11 +220,18 @@ impl Search<'_, '_, '_> {
         let (gain, _, best) = ways.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
         let as_good = |other: &&(f64, usize, Choice)| {
             let behind: Vec<f64> = other.2.residual.iter().zip(&best.residual).map(|(a, b)| a - b).collect();
-            gain - other.0 <= EQUALLY_GOOD * gain
+            gain - other.0 <= self.equally_good(*gain)
                 || (gain - other.0 <= unclear * gain && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
         };
         let simplest = ways.iter().filter(as_good).min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0)))?;
         Some(simplest.2.clone())
+    }
+
+    /// By how much one that explains so much may be behind for nothing: a share, but where noise is known never more than is worth a
+    /// finding, or of a large gap the wrong cause would do.
+    fn equally_good(&self, gain: f64) -> f64 {
+        let share = EQUALLY_GOOD * gain;
+        if self.library.session.hold_out.is_even.is_empty() { share } else { share.min(self.worth()) }
     }
 
     /// Whether the parameters that all training blocks ask for are plausible.
@@ -243,20 +254,29 @@ impl Search<'_, '_, '_> {
         choice
     }
 
-    /// Best terms of other effects that touch what this one touches, the most helpful first.
+    /// Best terms of other effects that touch what this one touches, the most helpful first: of each effect the best, and the best of
+    /// those with at most so many parameters.
     pub(crate) fn rivals_of(
         &mut self,
         others: &[TermId],
         term: TermId,
+        most_freedom: usize,
         allowed: impl Fn(usize) -> bool,
-    ) -> Vec<(f64, TermId)> {
+    ) -> Vec<TermId> {
         let own = self.library.terms[term].clone();
-        let mut found = self.screened(others, |effect| effect != own.effect && allowed(effect));
-        found.retain(|(gain, id)| *gain > 0.0 && self.library.terms[*id].touches(&own));
-        found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let mut seen = BTreeSet::new();
-        found.retain(|(_, id)| seen.insert(self.library.terms[*id].effect));
-        found
+        let found = self.screened(others, |effect| effect != own.effect && allowed(effect));
+        let all =
+            found.into_iter().flat_map(|found| found.simpler.into_iter().chain([(found.gain, found.id)]));
+        let mut all: Vec<(f64, TermId)> = all.collect();
+        all.retain(|(gain, id)| *gain > 0.0 && self.library.terms[*id].touches(&own));
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (mut seen, mut seen_simple) = (BTreeSet::new(), BTreeSet::new());
+        let is_wanted = |id: &TermId| {
+            let term = &self.library.terms[*id];
+            let is_first = seen.insert(term.effect);
+            (term.freedom() <= most_freedom && seen_simple.insert(term.effect)) || is_first
+        };
+        all.into_iter().map(|(_, id)| id).filter(is_wanted).collect()
     }
 
     /// The choice with a term of the same effect at the best of its other places; none where it has none.
@@ -264,9 +284,9 @@ impl Search<'_, '_, '_> {
         let own = self.library.terms[choice.terms[index]].clone();
         let rest = without(&choice.terms, index);
         let mut found = self.screened(&rest, |effect| effect == own.effect);
-        found.retain(|(gain, id)| *gain > 0.0 && self.library.terms[*id].place != own.place);
-        let (_, best) = found.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        Some(self.choice(rest.into_iter().chain([best]).collect()))
+        found.retain(|found| found.gain > 0.0 && self.library.terms[found.id].place != own.place);
+        let best = found.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain))?;
+        Some(self.choice(rest.into_iter().chain([best.id]).collect()))
     }
 
     /// The choice with another effect, at as many places at most, instead of this one.
@@ -275,7 +295,7 @@ impl Search<'_, '_, '_> {
             choice.terms.iter().partition(|id| self.library.terms[**id].effect == effect);
         let taken = self.effects(&choice.terms);
         let mut by_effect: BTreeMap<usize, Vec<(f64, TermId)>> = BTreeMap::new();
-        for (gain, id) in self.screened(&rest, |other| !taken.contains(&other)) {
+        for Found { gain, id, .. } in self.screened(&rest, |other| !taken.contains(&other)) {
             let term = &self.library.terms[id];
             if gain > 0.0 && own.iter().any(|own| self.library.terms[*own].touches(term)) {
                 by_effect.entry(term.effect).or_default().push((gain, id));
@@ -292,16 +312,16 @@ impl Search<'_, '_, '_> {
     }
 
     /// Every effect at all the places where it could help.
-    fn groups(&self, screened: &[(f64, TermId)], reducible: f64) -> Vec<Vec<TermId>> {
+    fn groups(&self, screened: &[Found], reducible: f64) -> Vec<Vec<TermId>> {
         let mut groups: BTreeMap<usize, Vec<TermId>> = BTreeMap::new();
-        for (gain, id) in screened {
+        for Found { gain, id, .. } in screened {
             if *gain > self.least(LEAST_SHARE_OF_PLACE, reducible) {
                 groups.entry(self.library.terms[*id].effect).or_default().push(*id);
             }
         }
         let mut groups: Vec<Vec<TermId>> = groups.into_values().filter(|terms| terms.len() > 1).collect();
         let worth = |terms: &Vec<TermId>| {
-            screened.iter().filter(|(_, id)| terms.contains(id)).map(|(gain, _)| gain).sum::<f64>()
+            screened.iter().filter(|found| terms.contains(&found.id)).map(|found| found.gain).sum::<f64>()
         };
         groups.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
         groups.truncate(GROUPS);
@@ -315,7 +335,7 @@ impl Search<'_, '_, '_> {
         if session.hold_out.is_even.is_empty() {
             return share * reducible;
         }
-        (share * reducible).min(self.worth())
+        (share * reducible).min(self.worth() * LEAST_OF_WORTH)
     }
 
     /// A fraction of one channel's noise, as a fall of the squared residual.
@@ -380,12 +400,14 @@ impl Search<'_, '_, '_> {
             self.library.prepare(shapes, &others);
             let screen = Screen::new(self.library, &others, &self.training.blocks);
             let best = best_shape(&screen, self.library, shapes, self.worth());
-            let Some((_, id)) = best.filter(|(_, id)| *id != choice.terms[index]) else { continue };
-            let mut terms = choice.terms.clone();
-            terms[index] = id;
-            let other = self.choice(terms);
-            if sum_of_difference(&choice, &other) > 0.0 {
-                choice = other;
+            let Some(best) = best else { continue };
+            for id in best.simpler.into_iter().map(|(_, id)| id).chain([best.id]) {
+                let mut terms = choice.terms.clone();
+                terms[index] = id;
+                let other = self.choice(terms);
+                if sum_of_difference(&choice, &other) > 0.0 {
+                    choice = other;
+                }
             }
         }
         choice
@@ -406,6 +428,35 @@ impl Search<'_, '_, '_> {
             let smaller = self.choice(without(&choice.terms, index));
             let news = if only { News::Effect } else { News::Place };
             if !self.improves(&smaller, &choice, news, reducible) {
+                choice = smaller;
+            }
+        }
+        choice
+    }
+
+    /// Drops an effect that stands for no more than what the others on its channels leave of themselves, once these take the shapes that
+    /// suit them without it: real forms differ from the catalogue's. Only where noise is known.
+    fn without_remainders(&mut self, mut choice: Choice) -> Choice {
+        if self.library.session.hold_out.is_even.is_empty() {
+            return choice;
+        }
+        for effect in self.effects(&choice.terms) {
+            let is_own = |id: &TermId| self.library.terms[*id].effect == effect;
+            let (own, rest): (Vec<TermId>, Vec<TermId>) = choice.terms.iter().copied().partition(is_own);
+            let shares = |other: &TermId| {
+                own.iter().any(|id| self.library.terms[*id].touches(&self.library.terms[*other]))
+            };
+            let beside: Vec<TermId> = rest.iter().copied().filter(shares).collect();
+            if beside.is_empty() {
+                continue;
+            }
+            let others = rest.iter().copied().filter(|id| !beside.contains(id)).collect();
+            let base = self.choice(others);
+            let smaller = self.choice(rest);
+            let smaller = self.better_shapes(smaller);
+            let smaller = self.refined(smaller, 0);
+            let all = sum_of_difference(&base, &choice);
+            if sum_of_difference(&smaller, &choice) < REMAINDER * all && self.is_plausible(&smaller) {
                 choice = smaller;
             }
         }

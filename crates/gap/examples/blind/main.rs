@@ -10,6 +10,7 @@
 //!   --nulls N --pairs N --triples N    sessions of these an arm
 //!   --only NAME         only effects whose names begin so
 //!   --most N            at most so many sessions
+//!   --session A,B,..    only the sessions of these seeds, as --lines gives them (hexadecimal)
 //!   --jobs N            sessions at a time (2)
 //!   --readme            writes the tables into README.md between its marks
 //!   --lines FILE        every session in a line
@@ -40,6 +41,7 @@ type Result<T> = std::result::Result<T, Error>;
 struct Options {
     extent: Extent,
     most: usize,
+    sessions: Vec<u64>,
     jobs: usize,
     readme: bool,
     lines: Option<PathBuf>,
@@ -52,6 +54,7 @@ fn main() -> Result<()> {
         (0..options.extent.arms as u64).map(|arm| Arm::new(options.extent.seed.wrapping_mul(31) + arm));
     let arms = arms.collect::<Result<Vec<Arm>>>()?;
     let mut cases = options.extent.cases();
+    cases.retain(|case| options.sessions.is_empty() || options.sessions.contains(&case.seed));
     cases.truncate(options.most);
     eprintln!(
         "{} arms calibrated in {:.0} s, {} sessions",
@@ -116,7 +119,8 @@ fn options(mut args: impl Iterator<Item = String>) -> Result<Options> {
         seed: 1000,
         only: None,
     };
-    let mut options = Options { extent, most: usize::MAX, jobs: 2, readme: false, lines: None };
+    let mut options =
+        Options { extent, most: usize::MAX, sessions: Vec::new(), jobs: 2, readme: false, lines: None };
     while let Some(arg) = args.next() {
         let mut value = || args.next().ok_or_else(|| format!("{arg} wants a value"));
         let extent = &mut options.extent;
@@ -132,6 +136,11 @@ fn options(mut args: impl Iterator<Item = String>) -> Result<Options> {
             "--triples" => extent.triples = value()?.parse()?,
             "--only" => extent.only = Some(value()?),
             "--most" => options.most = value()?.parse()?,
+            "--session" => {
+                let seeds = value()?;
+                let seeds = seeds.split(',').map(|seed| u64::from_str_radix(seed, 16));
+                options.sessions = seeds.collect::<std::result::Result<_, _>>()?;
+            }
             "--jobs" => options.jobs = value()?.parse()?,
             "--readme" => options.readme = true,
             "--lines" => options.lines = Some(value()?.into()),

@@ -46,6 +46,8 @@ pub(crate) struct Judged {
     pub(crate) is_placed: bool,
     /// It is a neighbour of what was put in: of the same physics, so that a form which fits neither exactly may be called either.
     pub(crate) is_neighbour: bool,
+    /// The same in words, with the evidence.
+    pub(crate) line: String,
 }
 
 impl Judged {
@@ -140,14 +142,17 @@ fn judged(arm: &Arm, recorded: &Recorded, diagnosis: &Diagnosis) -> Vec<Judged> 
     let put_in = &recorded.effects.list;
     let of = |finding: &Finding| {
         let truth = put_in.iter().filter(|effect| in_set(finding, effect.kind.id()));
-        Judged {
+        let mut judged = Judged {
             confidence: finding.confidence,
             set: std::iter::once(&finding.effect).chain(&finding.indistinguishable_from).cloned().collect(),
             is_right: put_in.iter().any(|effect| effect.kind.id() == finding.effect),
             holds_truth: truth.clone().next().is_some(),
             is_placed: truth.clone().any(|effect| is_at(arm, finding, effect)),
             is_neighbour: put_in.iter().any(|effect| are_neighbours(&finding.effect, effect.kind.id())),
-        }
+            line: String::new(),
+        };
+        judged.line = line_of(finding, &judged);
+        judged
     };
     diagnosis.findings.iter().map(of).collect()
 }
@@ -173,6 +178,37 @@ fn is_at(arm: &Arm, finding: &Finding, effect: &sim::effects::Effect) -> bool {
     }
 }
 
+/// A finding with its evidence in words: + where it is right, ~ where its set is, - where neither.
+fn line_of(finding: &Finding, judged: &Judged) -> String {
+    let at = [&finding.links, &finding.joints, &finding.sensors].into_iter().find(|list| !list.is_empty());
+    let e = &finding.evidence;
+    format!(
+        "{}{}@{} {:.2} share {:.2} (wins {:.3} lead {:.3} {:.2} marg {:.3} wand {:.4} expl {:.3} exc {:.2} chosen {:.2} free {} right {}){}",
+        if judged.is_right {
+            "+"
+        } else if judged.holds_truth {
+            "~"
+        } else {
+            "-"
+        },
+        finding.effect,
+        at.map_or(String::new(), |at| at.join("/")),
+        finding.confidence,
+        finding.share,
+        e.wins,
+        e.lead,
+        e.lead_sigmas,
+        e.marginal,
+        e.wandering,
+        e.explained,
+        e.excess,
+        e.chosen,
+        e.freedom,
+        u8::from(judged.holds_truth && judged.is_placed),
+        if judged.is_alone() { String::new() } else { format!(" or {}", judged.set[1..].join(",")) }
+    )
+}
+
 fn line(outcome: &Outcome, recorded: &Recorded, arm: &Arm, diagnosis: &Diagnosis) -> String {
     let place = |place: Place| match place {
         Place::Gauge(gauge) => arm.rig.layout.gauges[gauge].name.clone(),
@@ -186,44 +222,20 @@ fn line(outcome: &Outcome, recorded: &Recorded, arm: &Arm, diagnosis: &Diagnosis
         .iter()
         .map(|effect| format!("{}@{} {}", effect.kind.id(), place(effect.place), effect.size.unwrap_or(0.0)))
         .collect();
-    let finding = |(finding, judged): (&Finding, &Judged)| {
-        let at =
-            [&finding.links, &finding.joints, &finding.sensors].into_iter().find(|list| !list.is_empty());
-        let e = &finding.evidence;
-        format!(
-            "{}{}@{} {:.2} share {:.2} (wins {:.3} lead {:.3} {:.2} marg {:.3} wand {:.4} expl {:.3} exc {:.2} chosen {:.2} free {} right {}){}",
-            if judged.is_right {
-                "+"
-            } else if judged.holds_truth {
-                "~"
-            } else {
-                "-"
-            },
-            finding.effect,
-            at.map_or(String::new(), |at| at.join("/")),
-            finding.confidence,
-            finding.share,
-            e.wins,
-            e.lead,
-            e.lead_sigmas,
-            e.marginal,
-            e.wandering,
-            e.explained,
-            e.excess,
-            e.chosen,
-            e.freedom,
-            u8::from(judged.holds_truth && judged.is_placed),
-            if judged.is_alone() { String::new() } else { format!(" or {}", judged.set[1..].join(",")) }
-        )
-    };
-    let found: Vec<String> = diagnosis.findings.iter().zip(&outcome.findings).map(finding).collect();
+    let found: Vec<String> = outcome.findings.iter().map(|judged| judged.line.clone()).collect();
     let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.3}"));
+    let notes = if diagnosis.notes.is_empty() {
+        String::new()
+    } else {
+        format!(" notes: {}", diagnosis.notes.join("; "))
+    };
     let withheld = outcome.withheld.as_ref().map_or(String::new(), |list| {
-        let one = |judged: &Judged| format!("{} {:.2}", judged.set.join("|"), judged.confidence);
+        let neighbour = |judged: &Judged| if judged.is_neighbour { " (neighbour)" } else { "" };
+        let one = |judged: &Judged| format!("{}{}", judged.line, neighbour(judged));
         format!(" withheld: [{}]", list.iter().map(one).collect::<Vec<_>>().join(", "))
     });
     format!(
-        "arm {} seed {:x} [{}] {:?} {:.3} -> {:.3} ({:.3}) shrink {} ({}) oracle {} {:.1} s: [{}]{withheld}",
+        "arm {} seed {:x} [{}] {:?} {:.3} -> {:.3} ({:.3}) shrink {} ({}) oracle {} {:.1} s: [{}]{withheld}{notes}",
         outcome.case.arm,
         outcome.case.seed,
         put_in.join(", "),

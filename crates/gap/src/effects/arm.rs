@@ -293,13 +293,16 @@ pub(super) fn is_loaded(session: &Session) -> bool {
     arm(session).is_some_and(|arm| arm.carried.iter().any(|(_, body)| body.mass_kg > 0.0))
 }
 
+/// Name of the mass of a link over the simulation's, less one.
+pub(super) const RELATIVE_MASS: &str = "relative_mass";
+
 /// What mass and first moments (kg m) of the body at a link add.
 pub(super) fn body_columns(session: &Session, link: usize, naming: Naming) -> Vec<Column> {
     let Some((arm, all)) = columns(session) else { return Vec::new() };
     let own = arm.chain.joints[link].body;
     let scales = own.mass_kg > 0.0;
     let (mass, unit, plausible) = match (naming, scales) {
-        (Naming::Link, true) => ("relative_mass", "1", 0.2),
+        (Naming::Link, true) => (RELATIVE_MASS, "1", 0.2),
         _ => ("d_mass", "kg", 1.0),
     };
     let plausible_kgm = DISPLACEMENT_M * if scales { own.mass_kg } else { 1.0 };

@@ -2,7 +2,8 @@
 //!
 //! One first-order lag, or many with times over two decades, as strong each: what polymers and glues do goes with a small power of
 //! time, nearly with its logarithm, and has no time of its own. What was calibrated is either what is there at once (then the lag is
-//! added) or what is there in the end (then the lag less the signal is); which of all these is part of the shape. W. Findley, J. Lai,
+//! added), or what is there in the end (then the lag less the signal is), or something between, when a scale comes along with it; which of
+//! all these is part of the shape. W. Findley, J. Lai,
 //! K. Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials, 1976, ch. 5.
 
 use super::*;
@@ -11,8 +12,11 @@ use super::*;
 const AT_ONCE: f64 = 0.0;
 /// What is there in the end was.
 const IN_THE_END: f64 = 1.0;
-/// Many lags; else one.
-const MANY: f64 = 2.0;
+/// Something between was: a scale comes with it.
+const BETWEEN: f64 = 2.0;
+/// One lag, or many.
+const ONE: f64 = 0.0;
+const MANY: f64 = 1.0;
 /// Their times against the middle one. Where what is there at once was calibrated only the slow half: a lag that is shorter than the
 /// load's changes is a wrong scale, not creep.
 const TIMES: [f64; 5] = [0.1, 0.316, 1.0, 3.16, 10.0];
@@ -51,11 +55,11 @@ impl Effect for Creep {
             return Vec::new();
         };
         let times = geometric((20.0 * step_s).max(1.0), longest_s.max(40.0 * step_s).max(2.0), 7);
-        let kinds = [IN_THE_END, AT_ONCE];
-        let one = kinds.iter().flat_map(|kind| times.iter().map(|tau| vec![tau[0], *kind]));
+        let kinds = [IN_THE_END, AT_ONCE, BETWEEN];
+        let one = kinds.iter().flat_map(|kind| times.iter().map(|tau| vec![tau[0], *kind, ONE]));
         // So broad that every other will do.
         let every_other = || times.iter().skip(1).step_by(2);
-        let many = kinds.iter().flat_map(|kind| every_other().map(|tau| vec![tau[0], *kind + MANY]));
+        let many = kinds.iter().flat_map(|kind| every_other().map(|tau| vec![tau[0], *kind, MANY]));
         one.chain(many).collect()
     }
 
@@ -66,13 +70,18 @@ impl Effect for Creep {
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];
-        let (kind, signal) = (shape[1] % MANY, &own.simulated);
-        let is_many = shape[1] >= MANY;
+        let (kind, signal) = (shape[1], &own.simulated);
+        let is_many = shape[2] == MANY;
         let values =
             if is_many { broad(session, signal, shape[0], kind) } else { lagged(session, signal, shape[0]) };
         let share = if kind == IN_THE_END { 1.0 } else { 0.0 };
         let values = values.iter().zip(&own.simulated).map(|(slow, signal)| slow - share * signal).collect();
-        vec![Column::value("relative", "1", 0.1, channel, values)]
+        let slow = Column::value("relative", "1", 0.1, channel, values);
+        if kind != BETWEEN {
+            return vec![slow];
+        }
+        let scale = Column::value("", "1", 0.1, channel, own.simulated.clone()).role(Role::Nuisance);
+        vec![slow, scale]
     }
 
     fn experiment(&self) -> &'static str {
@@ -82,7 +91,7 @@ impl Effect for Creep {
 
 /// Mean of the lags about a time (s).
 fn broad(session: &Session, values: &[f64], tau_s: f64, kind: f64) -> Vec<f64> {
-    let times = if kind == AT_ONCE { &TIMES[SLOW] } else { &TIMES[..] };
+    let times = if kind == IN_THE_END { &TIMES[..] } else { &TIMES[SLOW] };
     let mut sum = vec![0.0; values.len()];
     for factor in times {
         let slow = lagged(session, values, factor * tau_s);

@@ -73,14 +73,36 @@ const END: f64 = 1.0;
 const REMEMBERED: f64 = 0.02;
 
 /// What a play that began at its end shows otherwise: where a sensor comes from when a recording begins nobody knows, and until its
-/// load has gone to and fro it remembers that. None where it soon has.
+/// load has gone to and fro it remembers that. It says nothing of any other unit than the one that it is remembered in most, and of that
+/// unit no other says anything: there it is fitted, and elsewhere it is taken for nothing. None where it is soon forgotten.
 fn beginning(session: &Session, channel: usize, width: f64) -> Option<Column> {
     let own = &session.channels[channel];
     let (middle, end) = (play(session, own, width, MIDDLE), play(session, own, width, END));
-    let change: Vec<f64> = end.iter().zip(&middle).map(|(end, middle)| end - middle).collect();
+    let mut change: Vec<f64> = end.iter().zip(&middle).map(|(end, middle)| end - middle).collect();
     let remembered = change.iter().filter(|change| **change != 0.0).count();
-    (remembered as f64 > REMEMBERED * change.len() as f64)
-        .then(|| Column::value("", "1", 0.5, channel, change).role(Role::Nuisance))
+    if (remembered as f64) <= REMEMBERED * change.len() as f64 {
+        return None;
+    }
+    let hold_out = &session.hold_out;
+    let unit_of = |row: usize| hold_out.unit_of_block[hold_out.block_of_row[row]];
+    let has_seconds = !hold_out.is_even.is_empty();
+    let unit_only = has_seconds.then(|| most_in(&change, hold_out.units.len(), unit_of));
+    if let Some(unit) = unit_only {
+        change
+            .iter_mut()
+            .enumerate()
+            .filter(|(row, _)| unit_of(*row) != unit)
+            .for_each(|(_, change)| *change = 0.0);
+    }
+    let column = Column::value("", "1", 0.5, channel, change).role(Role::Nuisance);
+    Some(Column { unit_only, ..column })
+}
+
+/// The unit in which the values are largest.
+fn most_in(values: &[f64], units: usize, unit_of: impl Fn(usize) -> usize) -> usize {
+    let mut squares = vec![0.0; units];
+    values.iter().enumerate().for_each(|(row, value)| squares[unit_of(row)] += value * value);
+    (0..units).max_by(|a, b| squares[*a].total_cmp(&squares[*b])).unwrap_or(0)
 }
 
 /// A play operator's output less its input (channel's unit), per row, each segment from its beginning.
@@ -96,4 +118,12 @@ fn play(session: &Session, own: &crate::session::Channel, width: f64, from: f64)
         }
     }
     values
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_memory_belongs_to_the_unit_where_it_is_largest() {
+        assert_eq!(super::most_in(&[1.0, -5.0, 2.0, 3.0], 2, |row| row % 2), 1);
+    }
 }

@@ -5,6 +5,9 @@
 
 use super::*;
 
+/// The link is heavier or lighter in all its parts; else its centre of mass may be elsewhere, too.
+const AS_A_WHOLE: f64 = 1.0;
+
 /// Inertial parameters of a link.
 pub(super) struct LinkMass;
 
@@ -29,9 +32,17 @@ impl Effect for LinkMass {
         arm::links(session)
     }
 
-    fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
+    fn shapes(&self, _session: &Session, _place: Place) -> Vec<Shape> {
+        vec![Shape::new(), vec![AS_A_WHOLE]]
+    }
+
+    fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Link(link) = place else { return Vec::new() };
-        arm::body_columns(session, link, arm::Naming::Link)
+        let mut columns = arm::body_columns(session, link, arm::Naming::Link);
+        if shape.contains(&AS_A_WHOLE) {
+            columns.retain(|column| column.parameter == arm::RELATIVE_MASS);
+        }
+        columns
     }
 
     fn experiment(&self) -> &'static str {

@@ -29,12 +29,18 @@ impl Effect for Payload {
     }
 
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
-        if arm::is_loaded(session) { vec![vec![DECLARED], vec![ALWAYS]] } else { vec![vec![ALWAYS]] }
+        if arm::is_loaded(session) {
+            vec![vec![DECLARED], vec![DECLARED, ITS_MASS], vec![ALWAYS]]
+        } else {
+            vec![vec![ALWAYS]]
+        }
     }
 
     fn columns(&self, session: &Session, _place: Place, shape: &[f64]) -> Vec<Column> {
         if shape[0] == DECLARED {
-            return arm::declared_columns(session);
+            let mut columns = arm::declared_columns(session);
+            columns.truncate(if shape.contains(&ITS_MASS) { 1 } else { columns.len() });
+            return columns;
         }
         let Some(last) = arm::arm(session).and_then(|arm| arm.chain.joints.len().checked_sub(1)) else {
             return Vec::new();
@@ -49,5 +55,7 @@ impl Effect for Payload {
 
 /// The body that was declared is another one; only where one was declared.
 const DECLARED: f64 = 0.0;
+/// It hangs where it was declared, and only its mass is another one.
+const ITS_MASS: f64 = 2.0;
 /// A body hangs there all the time.
 const ALWAYS: f64 = 1.0;

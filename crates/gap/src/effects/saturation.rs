@@ -1,4 +1,4 @@
-//! A signal that ends at a limit: amplifier or converter at its rail.
+//! A signal that ends at a limit: amplifier or converter at its rail, or at both.
 
 use super::*;
 
@@ -35,7 +35,9 @@ impl Effect for Saturation {
         let (middle, half) = span(&session.channels[channel].simulated);
         let parts = [-0.95, -0.9, -0.8, -0.7, -0.6, -0.4, 0.4, 0.6, 0.7, 0.8, 0.9, 0.95];
         let tried = parts.map(|part| middle + part * half);
-        tried.into_iter().chain(outermost(session, channel)).map(|limit| vec![limit]).collect()
+        let reached = outermost(session, channel);
+        let both = if let [low, high] = reached[..] { vec![vec![high, low]] } else { Vec::new() };
+        tried.into_iter().chain(reached).map(|limit| vec![limit]).chain(both).collect()
     }
 
     fn is_continuous(&self) -> bool {
@@ -45,10 +47,13 @@ impl Effect for Saturation {
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];
-        let limit = shape[0];
-        let is_upper = limit > span(&own.simulated).0;
-        let beyond = |signal: &f64| if is_upper { limit.min(*signal) } else { limit.max(*signal) };
-        vec![Column::pinned(channel, own.simulated.iter().map(|s| beyond(s) - s).collect())]
+        let [low, high] = match *shape {
+            [high, low] => [low, high],
+            [limit] if limit > span(&own.simulated).0 => [f64::NEG_INFINITY, limit],
+            [limit] => [limit, f64::INFINITY],
+            _ => return Vec::new(),
+        };
+        vec![Column::pinned(channel, own.simulated.iter().map(|s| s.max(low).min(high) - s).collect())]
     }
 
     fn experiment(&self) -> &'static str {

@@ -5,6 +5,10 @@ use super::*;
 /// Sensitivity that changes with temperature, 0.02..0.05 % per K on uncompensated bridges.
 pub(super) struct TemperatureGain;
 
+/// Plausible change of a scale, 1/K; and how far from a recording's temperature one was calibrated, K.
+const PER_K: f64 = 0.0125;
+const AWAY_K: f64 = 20.0;
+
 impl Effect for TemperatureGain {
     fn id(&self) -> &'static str {
         "temperature_gain"
@@ -34,8 +38,8 @@ impl Effect for TemperatureGain {
         // The temperature of the calibration is not known: a factor comes along.
         let values = own.simulated.iter().zip(temperature).map(|(s, t)| s * (t - reference)).collect();
         vec![
-            Column::value("per_k", "1/K", 0.005, channel, values),
-            Column::value("", "1", 0.02, channel, own.simulated.clone()).role(Role::Nuisance),
+            Column::value("per_k", "1/K", PER_K, channel, values),
+            Column::value("", "1", PER_K * AWAY_K, channel, own.simulated.clone()).role(Role::Nuisance),
         ]
     }
 

@@ -1,0 +1,180 @@
+//! Which of the chosen effects stay: what most parts of the data chose by themselves, what helps on what was left out, and what a
+//! model that knows no physics does not foretell better.
+
+use std::collections::BTreeSet;
+
+use crate::attribute::{self, Chosen, Subsets};
+use crate::bootstrap::Bootstrap;
+use crate::candidates::{Candidates, Choice, Training};
+use crate::effects::{CATALOGUE, Role};
+use crate::generic::{Generic, REFUTES};
+use crate::library::{Library, TermId};
+use crate::location;
+use crate::select::Search;
+
+/// What effects are chosen from and judged on.
+pub(crate) struct Ground<'a> {
+    pub(crate) candidates: &'a Candidates,
+    pub(crate) bootstrap: &'a Bootstrap,
+    /// All data that may be fitted.
+    pub(crate) training: &'a Training,
+    /// The same of every outer fold; none where units are reserved.
+    pub(crate) trainings: &'a [&'a Training],
+    pub(crate) generic: Option<&'a Generic>,
+}
+
+impl Ground<'_> {
+    /// Fits the shapes of what is left anew: of all data, and of every part of it, with what that part's own training data asks for.
+    fn refit(&self, library: &mut Library<'_>, terms: &mut Vec<TermId>, chosen: &mut [Chosen]) {
+        let (candidates, bootstrap) = (self.candidates, self.bootstrap);
+        let mut search = Search { library, candidates, training: self.training, bootstrap };
+        *terms = search.reshaped(terms).terms;
+        for (part, training) in chosen.iter_mut().zip(self.trainings) {
+            let mut search = Search { library: &mut *search.library, candidates, training, bootstrap };
+            let own = search.reshaped(&part.terms);
+            part.terms = search.with_missing(own, terms).terms;
+        }
+        if self.trainings.is_empty() {
+            chosen.iter_mut().for_each(|part| part.terms.clone_from(terms));
+        }
+    }
+}
+
+/// What is left of a choice after everything that speaks against it.
+pub(crate) struct Kept {
+    pub(crate) terms: Vec<TermId>,
+    pub(crate) effects: Vec<usize>,
+    pub(crate) notes: Vec<String>,
+}
+
+impl Kept {
+    /// Takes away what most parts of the data did not choose, what does not help on what was left out, and what a model that knows
+    /// no physics foretells better.
+    ///
+    /// What stays takes the shapes that suit it without what went, each part of the data by itself; and a part that had chosen what went in
+    /// place of what stays takes that, if its own training data asks for it.
+    pub(crate) fn establish(
+        &mut self,
+        library: &mut Library<'_>,
+        chosen: &mut [Chosen],
+        ground: &Ground<'_>,
+    ) -> Subsets {
+        self.effects = attribute::established(library, &self.terms, chosen);
+        let mut known = chosen.iter().map(|part| part.terms.len()).sum::<usize>() + self.terms.len();
+        loop {
+            self.terms.retain(|id| self.effects.contains(&library.terms[*id].effect));
+            for part in chosen.iter_mut() {
+                part.terms.retain(|id| self.effects.contains(&library.terms[*id].effect));
+            }
+            let kept = chosen.iter().map(|part| part.terms.len()).sum::<usize>() + self.terms.len();
+            if kept < known {
+                ground.refit(library, &mut self.terms, chosen);
+                known = chosen.iter().map(|part| part.terms.len()).sum::<usize>() + self.terms.len();
+            }
+            let subsets = Subsets::new(library, chosen, &self.effects);
+            if !self.drops(library, chosen, &subsets, ground) {
+                return subsets;
+            }
+        }
+    }
+
+    /// Takes one effect (or what is outdone) away, and says why; whether there was one.
+    fn drops(
+        &mut self,
+        library: &Library<'_>,
+        chosen: &mut [Chosen],
+        subsets: &Subsets,
+        ground: &Ground<'_>,
+    ) -> bool {
+        let (bit, why) = if let Some(bit) = subsets.remainder(library, &self.terms) {
+            (
+                bit,
+                "would take up a little of what a larger effect leaves on the same gauges: a form that is not quite the catalogue's",
+            )
+        } else if let Some(bit) = subsets.failing(library) {
+            (bit, "seemed to help on what was fitted, but did not on what was left out")
+        } else if let Some(bit) = self.uncertain_event(library, chosen, ground.bootstrap) {
+            (bit, "seemed to be there for a while, but not for certain on the seconds that were left out")
+        } else {
+            let generic = ground.generic;
+            return generic.is_some_and(|generic| self.outdone(library, chosen, generic, ground.bootstrap));
+        };
+        let id = CATALOGUE[self.effects.remove(bit)].id();
+        self.notes.push(format!("{id} {why}"));
+        true
+    }
+
+    /// An event that may as well be noise.
+    fn uncertain_event(
+        &self,
+        library: &Library<'_>,
+        chosen: &[Chosen],
+        bootstrap: &Bootstrap,
+    ) -> Option<usize> {
+        let is_uncertain = |effect: &usize| {
+            let is_own = |id: TermId| library.terms[id].effect == *effect;
+            let own = || self.terms.iter().filter(|id| is_own(**id));
+            own().all(|id| library.terms[*id].is_event())
+                && !crate::refit::is_sure(library, chosen, is_own, bootstrap)
+        };
+        self.effects.iter().position(is_uncertain)
+    }
+
+    /// Takes terms away where the generic model is better; whether there were any.
+    fn outdone(
+        &mut self,
+        library: &Library<'_>,
+        chosen: &mut [Chosen],
+        generic: &Generic,
+        bootstrap: &Bootstrap,
+    ) -> bool {
+        let session = library.session;
+        let after = location::by_block(library, chosen);
+        let site = |id: &TermId| (library.terms[*id].effect, library.terms[*id].place);
+        let mut outdone = Vec::new();
+        for id in &self.terms {
+            let term = &library.terms[*id];
+            let lead = generic.lead(session, &term.channels, &after, bootstrap);
+            if lead <= REFUTES {
+                continue;
+            }
+            outdone.push(site(id));
+            let names: Vec<&str> = term.channels.iter().map(|k| session.channels[*k].name.as_str()).collect();
+            self.notes.push(format!(
+                "{} of {} is not the cause: a zero and a scale that wander foretell {:.0} % more of the gap there; something that \
+                 changes with time in its own way",
+                CATALOGUE[term.effect].id(),
+                names.join(", "),
+                100.0 * lead
+            ));
+        }
+        self.terms.retain(|id| !outdone.contains(&site(id)));
+        chosen.iter_mut().for_each(|part| part.terms.retain(|id| !outdone.contains(&site(id))));
+        let has_terms = |effect: &usize| self.terms.iter().any(|id| library.terms[*id].effect == *effect);
+        self.effects.retain(has_terms);
+        !outdone.is_empty()
+    }
+}
+
+/// What exists in one unit only (a contact, a limit that is reached) cannot be chosen where that unit is left out: there it is
+/// taken from the choice on everything, and its size from the unit's even seconds.
+pub(crate) fn add_events(library: &mut Library<'_>, main: &Choice, chosen: &mut [Chosen]) {
+    let units = &library.session.hold_out.unit_of_block;
+    for part in chosen {
+        let left_out: BTreeSet<usize> = part.fold.score.iter().map(|block| units[*block]).collect();
+        for id in &main.terms {
+            let term = &library.terms[*id];
+            let real = term.columns.iter().filter(|column| column.role != Role::Nuisance);
+            let mut own = real.filter_map(|column| column.unit_only);
+            let site = |other: &TermId| {
+                let other = &library.terms[*other];
+                (other.effect, other.place) == (term.effect, term.place)
+            };
+            let is_unseen = own.any(|unit| left_out.contains(&unit)) || !library.shows(*id, &part.fold.fit);
+            if is_unseen && !part.terms.iter().any(site) {
+                part.terms.push(*id);
+            }
+        }
+        library.prepare(&part.terms, &part.terms);
+    }
+}
