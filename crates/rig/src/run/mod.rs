@@ -96,14 +96,20 @@ impl Run {
         let text = read_text(&file, "a run's description (TOML)")?;
         let parsed: RunFile = document::parse(&file, &text)?;
         check(&parsed).map_err(|problem| document::locate(&file, &text, problem))?;
-        let log = dir.join(&parsed.log);
-        if !log.is_file() {
-            let text_of =
-                format!("log = \"{}\" is not there; give the candump log's path", parsed.log.display());
-            return Err(document::locate(&file, &text, Problem::new(&[Key("log")], text_of)));
-        }
-        let config = Config::load(&dir.join(&parsed.config))?;
-        let reference = parsed.reference.map(|path| Reference::load(&dir.join(path))).transpose()?;
+        let there = |key: &'static str, path: &Path, what: &str| {
+            let whole = dir.join(path);
+            let problem = || {
+                let said = format!("{key} = \"{}\" is not there; give {what}", path.display());
+                document::locate(&file, &text, Problem::new(&[Key(key)], said))
+            };
+            if whole.is_file() { Ok(whole) } else { Err(problem()) }
+        };
+        let log = there("log", &parsed.log, "the candump log's path")?;
+        let config = Config::load(&there("config", &parsed.config, "the path of a configuration (TOML)")?)?;
+        let reference = parsed.reference.map(|path| {
+            Reference::load(&there("reference", &path, "the path of the reference's table (CSV)")?)
+        });
+        let reference = reference.transpose()?;
         Ok(Self {
             dir: dir.to_owned(),
             config,

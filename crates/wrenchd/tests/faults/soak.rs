@@ -13,7 +13,7 @@ use rig::config::PublishMode;
 use rig::{Rig, Status};
 use sim::motion::{MotionLimits, Sine, Sines};
 use sim::{Options, Scenario, Simulator, Trajectory};
-use wrenchd::engine::{Engine, Now};
+use wrenchd::engine::{Engine, Now, Told};
 use wrenchd::published::Published;
 
 use crate::common::{model, rig, truth};
@@ -192,13 +192,15 @@ fn run(seconds: f64, seed: u64, between_s: f64) -> Tally {
     for (frame, of_ns) in played(&rig, seconds, seed, between_s) {
         while tick_ns + TICK_NS < frame.stamp_ns {
             tick_ns += TICK_NS;
-            engine.tick(Now::simulated(tick_ns), |record| tally.take(record, &lately, &mut world));
+            let now = Now::simulated(tick_ns);
+            engine.tick(now, &mut Told::new(now, |record| tally.take(record, &lately, &mut world)));
         }
         lately.push_back((frame.stamp_ns, of_ns));
         while lately.front().is_some_and(|(at_ns, _)| at_ns + 1_000_000_000 < frame.stamp_ns) {
             lately.pop_front();
         }
-        engine.push(&frame, Now::simulated(frame.stamp_ns), |record| tally.take(record, &lately, &mut world));
+        let now = Now::simulated(frame.stamp_ns);
+        engine.push(&frame, &mut Told::new(now, |record| tally.take(record, &lately, &mut world)));
     }
     println!("seed {seed}, stops every {between_s} s: {tally:?}");
     tally
