@@ -18,7 +18,7 @@ pub(crate) const STALE_AFTER_NS: i64 = 20_000_000;
 /// How often a silence is told once it has begun, ns.
 pub(crate) const SILENCE_PERIOD_NS: i64 = 100_000_000;
 /// What the kernel hands on later than this was kept back.
-const HANDED_ON_WITHIN_NS: i64 = 5_000_000;
+const HANDED_ON_WITHIN_NS: i64 = 2_000_000;
 
 /// N and Nm per count of the wrench frames.
 const COUNTS: [f64; 6] = [0.01, 0.01, 0.01, 0.001, 0.001, 0.001];
