@@ -116,8 +116,16 @@ fn bad_descriptions_are_told_what_is_wrong() {
             "\"lost.log\"",
             "run.toml:3: log = \"lost.log\" is not there; give the candump log's path",
         ),
-        ("\"arm.toml\"", "\"lost.toml\"", "lost.toml: cannot be read: No such file"),
-        ("\"reference.csv\"", "\"lost.csv\"", "lost.csv: cannot be read: No such file"),
+        (
+            "\"arm.toml\"",
+            "\"lost.toml\"",
+            "run.toml:2: config = \"lost.toml\" is not there; give the path of",
+        ),
+        (
+            "\"reference.csv\"",
+            "\"lost.csv\"",
+            "run.toml:5: reference = \"lost.csv\" is not there; give the path of",
+        ),
     ];
     for (from, to, expected) in cases {
         let said = told(&with(RUN, from, to));
