@@ -131,7 +131,7 @@ fn by_effect(outcomes: &[Outcome]) -> String {
     let mut table: BTreeMap<&str, BTreeMap<u64, [u32; 3]>> = BTreeMap::new();
     let mut sizes: Vec<f64> = Vec::new();
     for outcome in outcomes {
-        if !matches!(outcome.case.question, Question::Single { .. } | Question::Outside { .. }) {
+        if !matches!(outcome.case.question, Question::Single { .. }) {
             continue;
         }
         let (kind, size) = outcome.case.put_in[0];
