@@ -17,8 +17,6 @@ pub(crate) const SILENCE: u8 = INVALID | STALE;
 pub(crate) const STALE_AFTER_NS: i64 = 20_000_000;
 /// How often a silence is told once it has begun, ns.
 pub(crate) const SILENCE_PERIOD_NS: i64 = 100_000_000;
-/// What the kernel hands on later than this was kept back.
-const HANDED_ON_WITHIN_NS: i64 = 2_000_000;
 
 /// N and Nm per count of the wrench frames.
 const COUNTS: [f64; 6] = [0.01, 0.01, 0.01, 0.001, 0.001, 0.001];
@@ -188,7 +186,7 @@ pub(crate) fn pair<'a>(
 
 /// How often silence may be told between a wrench and the next, by when rounds were complete: what the daemon takes for the instants that
 /// they tell of may lie closer together. Stamps are from when a frame was sent; where a flood of datagrams kept the kernel from handing it on,
-/// the daemon, too, heard nothing until then.
+/// the daemon, too, heard nothing until then (seen: 1.5 ms on top of 19), and had published nothing for so long.
 fn silences(complete_ns: &[i64], from_ns: Option<i64>, to_ns: Option<i64>) -> usize {
     let (Some(from_ns), Some(to_ns)) = (from_ns, to_ns) else { return usize::MAX };
     let until = |at_ns: i64| complete_ns.partition_point(|complete_ns| *complete_ns <= at_ns);
@@ -196,8 +194,7 @@ fn silences(complete_ns: &[i64], from_ns: Option<i64>, to_ns: Option<i64>) -> us
     let tellings =
         |wait_ns: i64| if wait_ns < STALE_AFTER_NS { 0 } else { 1 + (wait_ns / SILENCE_PERIOD_NS) as usize };
     let on_the_bus: usize = rounds.windows(2).map(|pair| tellings(pair[1] - pair[0])).sum();
-    let is_late = rounds.get(1).is_some_and(|complete_ns| to_ns - complete_ns > HANDED_ON_WITHIN_NS);
-    on_the_bus.max(if is_late { tellings(to_ns - from_ns) } else { 0 })
+    on_the_bus.max(tellings(to_ns - from_ns))
 }
 
 /// In event mode every wrench equals the offline one: the same status, and each axis within one count of the frame's scaling.
