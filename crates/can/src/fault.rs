@@ -1,11 +1,15 @@
 //! Middleware that breaks a stream on purpose, the same way for the same seed
 
+mod turns;
+
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use crate::error::Result;
 use crate::frame::{CanId, Flags, Frame, Stamped};
 use crate::source::{Batch, Event, Poll, Source};
+
+pub use turns::{broken, in_turn};
 
 /// Most frames held back at a time
 const HELD: usize = 256;

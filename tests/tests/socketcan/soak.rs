@@ -4,10 +4,9 @@
 //! `WRENCHD_TEST_SOAK_MINUTES=60 cargo test -p wrenchd-tests --test socketcan -- soak`, on a machine that has nothing else to do.
 
 use crate::hostile::Held;
-use can::fault::{FaultInjector, Faults};
+use can::fault::in_turn;
 use can::frame::{Frame, Stamped};
 use can::socket::SocketSender;
-use can::source::{Batch, Event, Poll, Source};
 use rig::Rig;
 use sim::motion::{MotionLimits, Sine, Sines};
 use sim::{Options, Scenario as Motion, Simulator, Trajectory, Truth};
@@ -26,8 +25,6 @@ use wrenchd_tests::programs::{programs, workspace};
 use wrenchd_tests::suite::{Need, SOAK_VARIABLE, Scenario};
 use wrenchd_tests::{Check, Failure, IoContext, ensure};
 
-/// Each kind of fault lasts so long at a time, ns: no multiple of what the arm does.
-const TURN_NS: i64 = 7_000_000_000;
 /// How often the daemon's memory and descriptors are looked at.
 const LOOK_EVERY: Duration = Duration::from_secs(60);
 /// What memory may grow by after the first look, kB: a page here and there, not a page a minute.
@@ -45,43 +42,6 @@ pub(crate) const SCENARIOS: &[Scenario] = &[Scenario {
     limit: Duration::from_secs(4 * 3600),
     run: soak,
 }];
-
-/// Every fault of the bus that the product's injector knows, and rest between them.
-fn faults() -> Vec<(&'static str, Faults)> {
-    let none = Faults::default();
-    vec![
-        ("nothing", none),
-        ("lost", Faults { drop: 0.02, ..none }),
-        ("twice", Faults { duplicate: 0.02, ..none }),
-        ("overtaken", Faults { reorder: 0.02, reorder_frames: 9, ..none }),
-        ("a byte short", Faults { shorten: 0.02, ..none }),
-        ("foreign", Faults { foreign: 0.02, ..none }),
-        ("nothing", none),
-        ("bits turned", Faults { corrupt: 0.02, ..none }),
-        ("late", Faults { delay: 0.02, delay_ns: 5_000_000, ..none }),
-        ("lost in a row", Faults { burst: 0.002, burst_frames: 100, ..none }),
-        ("stands still", Faults { stuck: 0.002, stuck_frames: 50, ..none }),
-        ("all of these", all()),
-    ]
-}
-
-fn all() -> Faults {
-    Faults {
-        drop: 0.005,
-        burst: 0.0005,
-        burst_frames: 30,
-        duplicate: 0.005,
-        reorder: 0.005,
-        reorder_frames: 9,
-        corrupt: 0.005,
-        shorten: 0.005,
-        delay: 0.005,
-        delay_ns: 5_000_000,
-        stuck: 0.0005,
-        stuck_frames: 30,
-        foreign: 0.005,
-    }
-}
 
 /// The example arm on vcan0 with a model that knows its gauges.
 struct Arm {
@@ -155,44 +115,15 @@ fn soak(guest: &Guest) -> Check {
     flat(&held)
 }
 
-/// Frames of a list as a source, for the injector.
-struct Listed(std::vec::IntoIter<Stamped>);
-
-impl Source for Listed {
-    fn poll(&mut self, batch: &mut Batch, _timeout: Duration) -> can::Result<Poll> {
-        batch.clear();
-        while batch.room() > 0 {
-            let Some(frame) = self.0.next() else { break };
-            batch.push(Event::received(frame));
-        }
-        Ok(if batch.is_empty() { Poll::End } else { Poll::Ready })
-    }
-}
-
 /// When frames of which time of the simulation were sent: by the machine's clock and by the simulation's, ns.
 type Sent = Mutex<VecDeque<(i64, i64)>>;
 
 /// Sends what the arm says in its time, each turn with another fault.
 fn play(arm: &Arm, seconds: f64, sent: &Sent) -> Check {
     let mut sender = SocketSender::open("vcan0")?;
-    let mut frames = arm.simulator(seconds)?.peekable();
     let begun = Instant::now();
-    for (turn, (_, faults)) in (0u64..).zip(faults().into_iter().cycle()) {
-        let until_ns = sim::START_NS + (turn as i64 + 1) * TURN_NS;
-        let mut whole = Vec::new();
-        while let Some(frame) = frames.next_if(|frame| frame.stamp_ns < until_ns) {
-            whole.push(frame);
-        }
-        if whole.is_empty() {
-            return Ok(());
-        }
-        let mut injector = FaultInjector::new(Listed(whole.into_iter()), faults, turn);
-        let mut batch = Batch::new(64);
-        while injector.poll(&mut batch, Duration::ZERO)? != Poll::End {
-            for frame in batch.events().iter().filter_map(Event::stamped) {
-                send(&mut sender, frame, begun, sent);
-            }
-        }
+    for frame in in_turn(arm.simulator(seconds)?, sim::START_NS, 0) {
+        send(&mut sender, &frame, begun, sent);
     }
     Ok(())
 }

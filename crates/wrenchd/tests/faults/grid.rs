@@ -5,9 +5,8 @@
 //! Every row has one seed; the ignored test takes ten others.
 //! After a change that is meant: `UPDATE_GRID=1 cargo test -p wrenchd --test faults grid`, and read the difference.
 
-use can::fault::{FaultInjector, Faults};
+use can::fault::{Faults, broken};
 use can::frame::Stamped;
-use can::source::{Batch, Event, Poll, Source};
 use model::spatial::Wrench;
 use nalgebra::Vector3;
 use rig::config::{Filter, PublishMode};
@@ -15,7 +14,6 @@ use rig::{Rig, Status};
 use sim::motion::{MotionLimits, Sine, Sines};
 use sim::{Options, Scenario, Simulator, Trajectory};
 use std::fmt::Write;
-use std::time::Duration;
 use wrenchd::engine::{Engine, Now, Told};
 use wrenchd::published::Published;
 
@@ -38,30 +36,6 @@ type Timed = (Stamped, i64);
 
 /// What happens to the frames of half a second; the second argument is the seed.
 type Fault = Box<dyn Fn(Vec<Timed>, u64) -> Vec<Timed>>;
-
-/// Frames of a list as a source, so that the product's own fault injector can break them.
-struct Listed(std::vec::IntoIter<Stamped>);
-
-impl Source for Listed {
-    fn poll(&mut self, batch: &mut Batch, _timeout: Duration) -> can::Result<Poll> {
-        batch.clear();
-        while batch.room() > 0 {
-            let Some(frame) = self.0.next() else { break };
-            batch.push(Event::received(frame));
-        }
-        Ok(if batch.is_empty() { Poll::End } else { Poll::Ready })
-    }
-}
-
-/// What the product's injector makes of frames.
-pub(crate) fn broken(frames: Vec<Stamped>, faults: Faults, seed: u64) -> Vec<Stamped> {
-    let mut injector = FaultInjector::new(Listed(frames.into_iter()), faults, seed);
-    let (mut batch, mut out) = (Batch::new(64), Vec::new());
-    while injector.poll(&mut batch, Duration::ZERO).unwrap() != Poll::End {
-        out.extend(batch.events().iter().filter_map(Event::stamped).copied());
-    }
-    out
-}
 
 /// Faults of the bus by the product's injector.
 fn bus(faults: Faults) -> Fault {

@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use can::fault::Faults;
+use can::fault::in_turn;
 use can::frame::Stamped;
 use model::spatial::Wrench;
 use nalgebra::Vector3;
@@ -17,49 +17,12 @@ use wrenchd::engine::{Engine, Now, Told};
 use wrenchd::published::Published;
 
 use crate::common::{model, rig, truth};
-use crate::grid::broken;
 
 const RATE_HZ: f64 = 125.0;
-/// Each kind of fault lasts so long at a time, ns: no multiple of what the arm does.
-const TURN_NS: i64 = 7_000_000_000;
 /// How far an instant's stamp may be from the frames that it is of, ns.
 const NEAR_NS: i64 = 20_000_000;
 /// How often time passes without a frame, ns.
 const TICK_NS: i64 = 5_000_000;
-
-/// Every fault of the bus that the product's injector knows, and rest between them.
-fn faults() -> Vec<Faults> {
-    let none = Faults::default();
-    let all = Faults {
-        drop: 0.005,
-        burst: 0.0005,
-        burst_frames: 30,
-        duplicate: 0.005,
-        reorder: 0.005,
-        reorder_frames: 9,
-        corrupt: 0.005,
-        shorten: 0.005,
-        delay: 0.005,
-        delay_ns: 5_000_000,
-        stuck: 0.0005,
-        stuck_frames: 30,
-        foreign: 0.005,
-    };
-    vec![
-        none,
-        Faults { drop: 0.02, ..none },
-        Faults { duplicate: 0.02, ..none },
-        Faults { reorder: 0.02, reorder_frames: 9, ..none },
-        Faults { shorten: 0.02, ..none },
-        Faults { foreign: 0.02, ..none },
-        none,
-        Faults { corrupt: 0.02, ..none },
-        Faults { delay: 0.02, delay_ns: 5_000_000, ..none },
-        Faults { burst: 0.002, burst_frames: 100, ..none },
-        Faults { stuck: 0.002, stuck_frames: 50, ..none },
-        all,
-    ]
-}
 
 /// The arm swinging for so long under a weight and a push.
 fn simulator(rig: &Rig, seconds: f64, seed: u64) -> Simulator {
@@ -125,26 +88,14 @@ impl Host {
 }
 
 /// Frames as they come, with the time of the simulation that each is of.
-fn played(rig: &Rig, seconds: f64, seed: u64, between_s: f64) -> Vec<(Stamped, i64)> {
-    let mut frames = simulator(rig, seconds, seed).peekable();
+fn played(rig: &Rig, seconds: f64, seed: u64, between_s: f64) -> impl Iterator<Item = (Stamped, i64)> {
     let mut host = Host::new(seed, between_s);
-    let mut out = Vec::new();
-    for (turn, faults) in (0u64..).zip(faults().into_iter().cycle()) {
-        let until_ns = sim::START_NS + (turn as i64 + 1) * TURN_NS;
-        let mut whole = Vec::new();
-        while let Some(frame) = frames.next_if(|frame| frame.stamp_ns < until_ns) {
-            whole.push(frame);
-        }
-        if whole.is_empty() {
-            return out;
-        }
-        for mut frame in broken(whole, faults, seed * 10_000 + turn) {
-            let of_ns = frame.stamp_ns;
-            frame.stamp_ns = host.comes_ns(of_ns);
-            out.push((frame, of_ns));
-        }
-    }
-    out
+    let broken = in_turn(simulator(rig, seconds, seed), sim::START_NS, seed * 10_000);
+    broken.map(move |mut frame| {
+        let of_ns = frame.stamp_ns;
+        frame.stamp_ns = host.comes_ns(of_ns);
+        (frame, of_ns)
+    })
 }
 
 /// What was said.
