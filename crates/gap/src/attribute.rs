@@ -187,9 +187,9 @@ pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usi
     own.iter().for_each(|index| others.extend(search.elsewhere(main, *index)));
     let rest = main.terms.iter().copied().filter(|id| search.library.terms[*id].effect != effect).collect();
     let without = sum_of_difference(&search.choice(rest), main);
-    let leads = search.bootstrap.distribution(|counts| {
-        let own = weighted(counts, &main.residual);
-        let behind = |other: &Choice| weighted(counts, &other.residual) - own + NOTHING * without;
+    let leads = search.bootstrap.distribution(|weights| {
+        let own = weighted(weights, &main.residual);
+        let behind = |other: &Choice| weighted(weights, &other.residual) - own + NOTHING * without;
         others.iter().map(behind).min_by(f64::total_cmp)
     });
     let all = sum_of_difference(&search.choice(Vec::new()), main);
@@ -257,9 +257,9 @@ fn is_as_good(search: &Search<'_, '_, '_>, main: &Choice, other: &Choice, gain: 
 
 /// Interval of 95 % of a ratio of sums over scored blocks.
 pub(crate) fn interval(bootstrap: &Bootstrap, upper: &[f64], lower: &[f64]) -> [f64; 2] {
-    let ratios = bootstrap.distribution(|counts| {
-        let below = weighted(counts, lower);
-        (below > 0.0).then(|| weighted(counts, upper) / below)
+    let ratios = bootstrap.distribution(|weights| {
+        let below = weighted(weights, lower);
+        (below > 0.0).then(|| weighted(weights, upper) / below)
     });
     [quantile(&ratios, 0.025), quantile(&ratios, 0.975)]
 }

@@ -1,14 +1,16 @@
 //! Intervals from drawing blocks again and again.
 //!
 //! The paired block bootstrap: a difference between two models is taken block by block, so that what both miss alike
-//! cancels, and blocks are drawn with replacement (B. Efron, R. Tibshirani, An Introduction to the Bootstrap, 1993, ch. 8).
+//! cancels (B. Efron, R. Tibshirani, An Introduction to the Bootstrap, 1993, ch. 8). Blocks are not drawn with replacement but
+//! weighed at random (D. Rubin, The Bayesian Bootstrap, Annals of Statistics 9, 1981): what only few blocks show, an event or a limit
+//! that is reached, is then in every draw.
 
-/// How often blocks are drawn.
+/// How often blocks are weighed.
 const DRAWS: usize = 600;
 
-/// Numbers of times that each block was drawn, the same draws for all questions.
+/// Weights of the blocks, on average one, the same draws for all questions.
 pub(crate) struct Bootstrap {
-    draws: Vec<Vec<u16>>,
+    draws: Vec<Vec<f64>>,
 }
 
 impl Bootstrap {
@@ -16,37 +18,36 @@ impl Bootstrap {
     pub(crate) fn new(blocks: usize) -> Self {
         let mut state: u64 = 0x5EED_0F0B_10C5;
         let draw = |_| {
-            let mut counts = vec![0; blocks];
-            for _ in 0..blocks {
-                counts[(next(&mut state) % blocks.max(1) as u64) as usize] += 1;
-            }
-            counts
+            // Spacings of uniform variates: exponential ones over their sum.
+            let weights: Vec<f64> = (0..blocks).map(|_| exponential(&mut state)).collect();
+            let mean = weights.iter().sum::<f64>() / blocks.max(1) as f64;
+            weights.into_iter().map(|weight| weight / mean).collect()
         };
         Self { draws: (0..DRAWS).map(draw).collect() }
     }
 
-    /// How often every block was drawn, draw by draw.
-    pub(crate) fn draws(&self) -> &[Vec<u16>] {
+    /// What every block weighs, draw by draw.
+    pub(crate) fn draws(&self) -> &[Vec<f64>] {
         &self.draws
     }
 
     /// A statistic of weighted sums, for every draw, in ascending order; draws without a value are left out.
-    pub(crate) fn distribution(&self, mut statistic: impl FnMut(&[u16]) -> Option<f64>) -> Vec<f64> {
-        let mut values: Vec<f64> = self.draws.iter().filter_map(|counts| statistic(counts)).collect();
+    pub(crate) fn distribution(&self, mut statistic: impl FnMut(&[f64]) -> Option<f64>) -> Vec<f64> {
+        let mut values: Vec<f64> = self.draws.iter().filter_map(|weights| statistic(weights)).collect();
         values.sort_by(f64::total_cmp);
         values
     }
 
     /// The value below which this share of the drawn sums lies.
     pub(crate) fn quantile_of_sum(&self, values: &[f64], share: f64) -> f64 {
-        let sums = self.distribution(|counts| Some(weighted(counts, values)));
+        let sums = self.distribution(|weights| Some(weighted(weights, values)));
         quantile(&sums, share)
     }
 }
 
-/// Sum of values, each as often as it was drawn.
-pub(crate) fn weighted(counts: &[u16], values: &[f64]) -> f64 {
-    counts.iter().zip(values).map(|(count, value)| f64::from(*count) * value).sum()
+/// Sum of values, each as often as it weighs.
+pub(crate) fn weighted(weights: &[f64], values: &[f64]) -> f64 {
+    weights.iter().zip(values).map(|(weight, value)| weight * value).sum()
 }
 
 /// Interpolated quantile of ascending values; 0 of none.
@@ -58,6 +59,13 @@ pub(crate) fn quantile(sorted: &[f64], share: f64) -> f64 {
         (Some(a), None) => *a,
         _ => 0.0,
     }
+}
+
+/// A standard exponential variate.
+fn exponential(state: &mut u64) -> f64 {
+    // 53 bits, never 0.
+    let uniform = ((next(state) >> 11) as f64 + 0.5) / (1_u64 << 53) as f64;
+    -uniform.ln()
 }
 
 /// SplitMix64.

@@ -92,11 +92,18 @@ impl Design {
     }
 
     fn sum(&self, blocks: &[usize]) -> (DMatrix<f64>, DVector<f64>) {
+        self.weighted(blocks, &|_| 1.0)
+    }
+
+    /// The same with a weight a block.
+    fn weighted(&self, blocks: &[usize], weight: &dyn Fn(usize) -> f64) -> (DMatrix<f64>, DVector<f64>) {
         let width = self.width();
         let mut sum = (DMatrix::zeros(width, width), DVector::zeros(width));
         for &block in blocks {
-            sum.0 += &self.blocks[block].0;
-            sum.1 += &self.blocks[block].1;
+            let (normal, right) = &self.blocks[block];
+            let weight = weight(block);
+            sum.0.zip_apply(normal, |sum, value| *sum += weight * value);
+            sum.1.axpy(weight, right, 1.0);
         }
         sum
     }
@@ -162,12 +169,18 @@ impl Design {
 
     /// Parameters that a fold's fitted blocks ask for; of what exists in a left-out unit only, those that its even seconds do.
     pub(crate) fn solve_fold(&self, fold: &Fold) -> DVector<f64> {
-        let mut parameters = self.solve(&fold.fit);
-        self.fit_events(fold, &mut parameters);
+        self.solve_weighted(fold, &|_| 1.0)
+    }
+
+    /// The same with a weight a block.
+    pub(crate) fn solve_weighted(&self, fold: &Fold, weight: &dyn Fn(usize) -> f64) -> DVector<f64> {
+        let (normal, right) = self.weighted(&fold.fit, weight);
+        let mut parameters = self.solve_sums(&normal, &right);
+        self.fit_events(fold, weight, &mut parameters);
         parameters
     }
 
-    fn fit_events(&self, fold: &Fold, parameters: &mut DVector<f64>) {
+    fn fit_events(&self, fold: &Fold, weight: &dyn Fn(usize) -> f64, parameters: &mut DVector<f64>) {
         let mut units: Vec<usize> = self.events.iter().map(|(_, unit)| *unit).collect();
         units.sort_unstable();
         units.dedup();
@@ -180,7 +193,7 @@ impl Design {
             let own = |column: &&(usize, usize)| column.1 == unit && !self.pinned[column.0];
             let columns: Vec<usize> = self.events.iter().filter(own).map(|(column, _)| *column).collect();
             columns.iter().for_each(|column| parameters[*column] = 0.0);
-            let (normal, right) = self.sum(&here);
+            let (normal, right) = self.weighted(&here, weight);
             let rest = right - &normal * &*parameters;
             let Some(factor) = self.regular(&normal, &columns).cholesky() else { continue };
             let rest = DVector::from_fn(columns.len(), |k, _| rest[columns[k]]);
@@ -214,7 +227,7 @@ impl Design {
                 }
                 None => self.solve(&fold.fit),
             };
-            self.fit_events(fold, &mut parameters);
+            self.fit_events(fold, &|_| 1.0, &mut parameters);
             for &block in &fold.score {
                 out[block] = self.residual(block, &parameters);
             }

@@ -65,11 +65,6 @@ impl Term {
         self.columns.iter().any(|column| column.unit_only.is_some())
     }
 
-    /// Whether its shape alone gives its size, from the simulation alone.
-    pub(crate) fn is_prediction(&self) -> bool {
-        CATALOGUE[self.effect].is_foretold() && self.columns.iter().all(|column| column.role == Role::Pinned)
-    }
-
     pub(crate) fn touches(&self, other: &Self) -> bool {
         self.channels.iter().any(|channel| other.channels.contains(channel))
     }

@@ -98,9 +98,9 @@ impl<'a> Measure<'a> {
     /// Interval of 95 % of the shrink: the spread over draws about the estimate. A draw holds fewer different blocks to fit on than
     /// there are, so that its middle is too low, but not its spread.
     fn shrink_interval(&self, shrink: f64) -> [f64; 2] {
-        let of_draw = |(counts, left): (&Vec<u16>, &f64)| {
-            let reducible = weighted(counts, &self.reducible_blocks);
-            (reducible > 0.0).then(|| (weighted(counts, &self.before) - left) / reducible)
+        let of_draw = |(weights, left): (&Vec<f64>, &f64)| {
+            let reducible = weighted(weights, &self.reducible_blocks);
+            (reducible > 0.0).then(|| (weighted(weights, &self.before) - left) / reducible)
         };
         let mut draws: Vec<f64> =
             self.bootstrap.draws().iter().zip(&self.refitted).filter_map(of_draw).collect();

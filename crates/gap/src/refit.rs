@@ -9,7 +9,7 @@ use crate::fit::{Design, Fold};
 use crate::library::{Library, TermId};
 use crate::parallel;
 
-/// Per draw the squared residual on the scored blocks, each as often as it was drawn.
+/// Per draw the squared residual on the scored blocks, each as often as it weighs.
 pub(crate) fn left(
     library: &Library<'_>,
     chosen: &[Chosen],
@@ -18,13 +18,12 @@ pub(crate) fn left(
 ) -> Vec<f64> {
     let parts: Vec<(Design, &Fold)> =
         chosen.iter().map(|part| (Design::new(library, &part.terms), &part.fold)).collect();
-    let of_fold = |(design, fold): &(Design, &Fold), counts: &[u16]| {
-        let drawn = Fold { fit: drawn(&fold.fit, counts), score: drawn(&fold.score, counts) };
-        let parameters = design.solve_fold(&drawn);
-        let scored = drawn.score.iter().filter(|block| scored[**block]);
-        scored.map(|block| design.residual(*block, &parameters)).sum::<f64>()
+    let of_fold = |(design, fold): &(Design, &Fold), weights: &[f64]| {
+        let parameters = design.solve_weighted(fold, &|block| weights[block]);
+        let scored = fold.score.iter().filter(|block| scored[**block]);
+        scored.map(|block| weights[*block] * design.residual(*block, &parameters)).sum::<f64>()
     };
-    parallel::map(bootstrap.draws(), |counts| parts.iter().map(|part| of_fold(part, counts)).sum())
+    parallel::map(bootstrap.draws(), |weights| parts.iter().map(|part| of_fold(part, weights)).sum())
 }
 
 /// Whether what these terms do, beyond the others, stays above nothing over the draws: an event's many parameters are fitted on few
@@ -57,19 +56,4 @@ fn estimate(library: &Library<'_>, chosen: &[Chosen], scored: &[bool]) -> f64 {
         residual.iter().zip(scored).filter(|(_, scored)| **scored).map(|(residual, _)| residual).sum::<f64>()
     };
     chosen.iter().map(of_part).sum()
-}
-
-/// Blocks, each as often as it was drawn.
-fn drawn(blocks: &[usize], counts: &[u16]) -> Vec<usize> {
-    blocks.iter().flat_map(|block| std::iter::repeat_n(*block, usize::from(counts[*block]))).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn blocks_come_as_often_as_they_were_drawn() {
-        assert_eq!(drawn(&[0, 2, 3], &[2, 9, 0, 1]), [0, 0, 3]);
-    }
 }

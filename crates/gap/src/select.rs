@@ -12,7 +12,7 @@ use crate::candidates::{Candidates, Choice, Training, sum_of_difference, without
 use crate::doubt::exceeds;
 use crate::effects::Place;
 use crate::fit::Design;
-use crate::library::{Library, TermId};
+use crate::library::{Library, Term, TermId};
 use crate::refine::refine;
 use crate::screen::Screen;
 use crate::shapes::{EQUALLY_GOOD, Found, best_shape};
@@ -59,25 +59,19 @@ enum News {
     Place,
 }
 
+/// How much a choice may do; the less, the simpler.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Extent {
+    freedom: usize,
+    channels: usize,
+}
+
 /// The search on one training set.
 pub(crate) struct Search<'c, 'l, 's> {
     pub(crate) library: &'l mut Library<'s>,
     pub(crate) candidates: &'c Candidates,
     pub(crate) training: &'c Training,
     pub(crate) bootstrap: &'c Bootstrap,
-}
-
-/// Blocks in which an effect must show to be judged by these alone: an even second and an odd one.
-const FEWEST_SHOWN: usize = 2;
-
-/// The quantile of the gains' sum over draws of those blocks in which anything changes: a prediction without a free size (a limit) cannot
-/// fit the noise of the few blocks that reach it, so that they are a test even where most draws of all blocks would hold few of them.
-fn quantile_where_shown(gains: &[f64], all: &Bootstrap, share: f64) -> f64 {
-    let shown: Vec<f64> = gains.iter().copied().filter(|gain| *gain != 0.0).collect();
-    if shown.len() < FEWEST_SHOWN || shown.len() == gains.len() {
-        return all.quantile_of_sum(gains, share);
-    }
-    Bootstrap::new(shown.len()).quantile_of_sum(&shown, share)
 }
 
 impl Search<'_, '_, '_> {
@@ -96,7 +90,7 @@ impl Search<'_, '_, '_> {
             choice = self.swapped(choice, reducible);
             choice = self.backward(choice, reducible);
             choice = self.without_remainders(choice);
-            ends.push((sum_of_difference(&nothing, &choice), self.freedom(&choice.terms), choice));
+            ends.push((sum_of_difference(&nothing, &choice), self.extent(&choice.terms), choice));
         }
         self.simplest(&ends, UNCLEAR_AT_THE_END).unwrap_or(nothing)
     }
@@ -177,8 +171,15 @@ impl Search<'_, '_, '_> {
         (self.library.terms[id].effect, self.library.terms[id].place)
     }
 
-    fn freedom(&self, terms: &[TermId]) -> usize {
-        terms.iter().map(|id| self.library.terms[*id].freedom()).sum()
+    /// How much a choice may do: its parameters, and where these are as many the channels that its events may show on (a push further out
+    /// can do what one further in does, and a little of the outer gauges' noise besides).
+    fn extent(&self, terms: &[TermId]) -> Extent {
+        let terms = || terms.iter().map(|id| &self.library.terms[*id]);
+        let events = terms().filter(|term| term.is_event());
+        Extent {
+            freedom: terms().map(Term::freedom).sum(),
+            channels: events.map(|term| term.channels.len()).sum(),
+        }
     }
 
     /// The best ways to go on, one an effect, the best last; none where nothing improves.
@@ -192,21 +193,21 @@ impl Search<'_, '_, '_> {
         };
         let mut steps: Vec<Vec<TermId>> = screened.iter().take(SCORED).flat_map(shapes).collect();
         steps.extend(self.groups(&screened, reducible));
-        let mut scored: BTreeMap<usize, Vec<(f64, usize, Choice)>> = BTreeMap::new();
+        let mut scored: BTreeMap<usize, Vec<(f64, Extent, Choice)>> = BTreeMap::new();
         for step in steps {
             let effect = self.library.terms[step[0]].effect;
             let news = if effects.contains(&effect) { News::Place } else { News::Effect };
-            let freedom = self.freedom(&step);
+            let extent = self.extent(&step);
             let next = self.choice(choice.terms.iter().copied().chain(step).collect());
             let improves = self.is_plausible(&next) && self.improves(choice, &next, news, reducible);
             if improves && self.is_beyond_doubt(choice, &next) {
-                scored.entry(effect).or_default().push((sum_of_difference(choice, &next), freedom, next));
+                scored.entry(effect).or_default().push((sum_of_difference(choice, &next), extent, next));
             }
         }
-        let mut best: Vec<(f64, usize, Choice)> = Vec::new();
+        let mut best: Vec<(f64, Extent, Choice)> = Vec::new();
         for ways in scored.into_values() {
             let Some(simplest) = self.simplest(&ways, UNCLEAR) else { continue };
-            best.push((sum_of_difference(choice, &simplest), self.freedom(&simplest.terms), simplest));
+            best.push((sum_of_difference(choice, &simplest), self.extent(&simplest.terms), simplest));
         }
         if wanted == 1 {
             return self.simplest(&best, UNCLEAR).into_iter().collect();
@@ -215,10 +216,10 @@ impl Search<'_, '_, '_> {
         best.split_off(best.len().saturating_sub(wanted)).into_iter().map(|(_, _, choice)| choice).collect()
     }
 
-    /// The one with the fewest parameters among those (gain, parameters, choice) that are as good as the best.
-    fn simplest(&self, ways: &[(f64, usize, Choice)], unclear: f64) -> Option<Choice> {
+    /// The one with the fewest parameters among those (gain, extent, choice) that are as good as the best.
+    fn simplest(&self, ways: &[(f64, Extent, Choice)], unclear: f64) -> Option<Choice> {
         let (gain, _, best) = ways.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let as_good = |other: &&(f64, usize, Choice)| {
+        let as_good = |other: &&(f64, Extent, Choice)| {
             let behind: Vec<f64> = other.2.residual.iter().zip(&best.residual).map(|(a, b)| a - b).collect();
             gain - other.0 <= self.equally_good(*gain)
                 || (gain - other.0 <= unclear * gain && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
@@ -381,12 +382,7 @@ impl Search<'_, '_, '_> {
             News::Effect => (LEAST_SHARE, DOUBT, 3 * better >= 2 * asked),
             News::Place => (LEAST_SHARE_OF_PLACE, DOUBT_OF_PLACE, 2 * better >= asked),
         };
-        let added = next.terms.iter().filter(|id| !now.terms.contains(id));
-        let quantile = if added.clone().all(|id| self.library.terms[*id].is_prediction()) {
-            quantile_where_shown(&gains, self.bootstrap, doubt)
-        } else {
-            self.bootstrap.quantile_of_sum(&gains, doubt)
-        };
+        let quantile = self.bootstrap.quantile_of_sum(&gains, doubt);
         gains.iter().sum::<f64>() > self.least(least, reducible) && most && quantile > 0.0
     }
 

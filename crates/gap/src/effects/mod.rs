@@ -247,11 +247,6 @@ pub trait Effect: Sync {
         false
     }
 
-    /// Whether its columns come from the simulation alone, so that what has no free size is a prediction; else they are taken from the gap.
-    fn is_foretold(&self) -> bool {
-        true
-    }
-
     /// What it adds to the simulation; nothing if that place and shape do not show in this data.
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column>;
 

@@ -42,10 +42,6 @@ impl Effect for Spikes {
         FAR.map(|far| vec![far]).to_vec()
     }
 
-    fn is_foretold(&self) -> bool {
-        false
-    }
-
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         if session.channels[channel].gauge.is_none() {
