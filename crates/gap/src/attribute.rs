@@ -161,7 +161,7 @@ pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usi
         let most_freedom = 2 * freedom + 1;
         for id in search.rivals_of(&rest, main.terms[index], most_freedom, |other| !taken.contains(&other)) {
             let term = &search.library.terms[id];
-            let (rival, free) = (term.effect, term.freedom());
+            let (rival, free) = (term.effect, term.own_freedom());
             let other = search.choice(rest.iter().copied().chain([id]).collect());
             // What needs many more parameters to do the same is no rival, but what clearly does better is.
             let is_simple = free <= most_freedom;

@@ -10,7 +10,8 @@ impl Evidence {
     pub(crate) fn see(&mut self, sensors: &[SensorGap], channels: &BTreeSet<usize>) {
         let pool = |of: fn(&SensorGap) -> f64| channels.iter().map(|k| of(&sensors[*k]).powi(2)).sum::<f64>();
         let (before, after, floor) = (pool(|s| s.before), pool(|s| s.after), pool(|s| s.floor));
-        self.explained = (before - after) / (before - floor).max(f64::MIN_POSITIVE);
+        // Where no more than noise was there, nothing shows that it went.
+        self.explained = if before > floor { (before - after) / (before - floor) } else { 0.0 };
         self.excess = ((before - floor).max(0.0) / floor.max(f64::MIN_POSITIVE)).sqrt();
     }
 

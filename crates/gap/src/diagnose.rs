@@ -100,7 +100,6 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
     let main = search.choice(terms);
     let mut located = location::locate(search.library, &chosen);
     let measure = Measure::new(search.library, &subsets, &chosen, &located.floors, &bootstrap);
-    let left = location::by_block(search.library, &chosen);
     let mut findings = Vec::with_capacity(effects.len());
     for (bit, &effect) in effects.iter().enumerate() {
         let rivals = attribute::rivals(&mut search, &main, effect);
@@ -113,7 +112,7 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
         finding.evidence.see(&located.location.sensors, &channels);
         if let Some(generic) = &generic {
             let channels: Vec<usize> = channels.into_iter().collect();
-            finding.evidence.wandering = generic.lead(session, &channels, &left, &bootstrap);
+            finding.evidence.wandering = generic.lead(session, &channels, &located.left, &bootstrap);
         }
         finding.confidence = finding.evidence.confidence();
         finding.indistinguishable_from =

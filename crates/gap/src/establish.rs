@@ -129,7 +129,7 @@ impl Kept {
         bootstrap: &Bootstrap,
     ) -> bool {
         let session = library.session;
-        let after = location::by_block(library, chosen);
+        let after = location::residuals(library, chosen);
         let site = |id: &TermId| (library.terms[*id].effect, library.terms[*id].place);
         let mut outdone = Vec::new();
         for id in &self.terms {

@@ -5,6 +5,7 @@
 //! explanation itself, since of another recording it knows nothing.
 
 use crate::bootstrap::Bootstrap;
+use crate::location::Residuals;
 use crate::select::WORTH;
 use crate::session::Session;
 
@@ -16,15 +17,35 @@ const PLAUSIBLE: f64 = 0.2;
 pub(crate) const REFUTES: f64 = 0.15;
 /// Share of draws in which that may fail to show.
 const DOUBT: f64 = 0.05;
+/// Share of it that must differ between two of the same motion: a form that is not quite the catalogue's comes again with the motion.
+const WANDERS: f64 = 0.35;
 
 /// Sums over one second of a recording for one gauge: ones, signal, signal^2, gap, signal times gap, gap^2; over scales.
 type Sums = [f64; 6];
 
-/// Squared residuals on odd seconds, by channel and block.
+/// What a zero and a scale that wander leave of every channel on odd seconds, per row over its scale; none elsewhere.
 pub(crate) struct Generic {
-    /// As simulated, and with the generic model.
-    before: Vec<Vec<f64>>,
-    wandering: Vec<Vec<f64>>,
+    wandering: Residuals,
+}
+
+/// What a wandering zero foretells better than what was found, in squares on odd seconds.
+#[derive(Default)]
+struct Ahead {
+    /// What it foretells of the gap.
+    foretold: f64,
+    /// What it leaves less than what was found.
+    all: f64,
+    /// The same on motions that were made twice, and what of it did not come twice.
+    repeated: f64,
+    differs: f64,
+}
+
+impl Ahead {
+    /// Share of what is foretold that was not found; nothing where it comes again with the motion, for what wanders does not.
+    fn share(&self) -> f64 {
+        let comes_again = self.repeated > 0.0 && self.differs < WANDERS * self.repeated;
+        if comes_again || self.foretold <= 0.0 { 0.0 } else { (self.all / self.foretold).clamp(0.0, 1.0) }
+    }
 }
 
 /// One second (or what is left of it) in one block.
@@ -42,39 +63,59 @@ impl Generic {
         }
         let seconds = seconds(session);
         let channels: Vec<usize> = (0..session.channels.len()).collect();
-        let found = crate::parallel::map(&channels, |channel| of_channel(session, *channel, &seconds));
-        let mut generic = Self { before: Vec::new(), wandering: Vec::new() };
-        for [before, wandering] in found {
-            generic.before.push(before);
-            generic.wandering.push(wandering);
-        }
-        Some(generic)
+        let wandering = crate::parallel::map(&channels, |channel| of_channel(session, *channel, &seconds));
+        Some(Self { wandering })
     }
 
-    /// Share of what the generic model foretells of these channels' gap on left-out odd seconds that was not found, `after` being the
-    /// squared residual of what was, by channel and block; 0 where that is not beyond doubt, or so little that the calibration's own errors
-    /// may do it.
+    /// Share of what the generic model foretells of these channels' gap on left-out odd seconds that was not found, `after` being what was
+    /// left per row; 0 where that is not beyond doubt, comes again with the motion, or is so little that the calibration's own errors may
+    /// do it.
     pub(crate) fn lead(
         &self,
         session: &Session,
         channels: &[usize],
-        after: &[Vec<f64>],
+        after: &Residuals,
         bootstrap: &Bootstrap,
     ) -> f64 {
-        let mut ahead = vec![0.0; session.blocks()];
-        let mut foretold = 0.0;
+        let mut by_block = vec![0.0; session.blocks()];
+        let mut ahead = Ahead::default();
         for &channel in channels {
-            for block in (0..session.blocks()).filter(|block| !session.hold_out.is_even(*block)) {
-                ahead[block] += after[channel][block] - self.wandering[channel][block];
-                foretold += self.before[channel][block] - self.wandering[channel][block];
-            }
+            self.add(session, channel, &after[channel], &mut ahead, &mut by_block);
         }
         let hold_out = &session.hold_out;
         let odd = hold_out.block_of_row.iter().filter(|block| !hold_out.is_even(**block)).count();
         let least = WORTH * (odd * channels.len()) as f64;
-        let all: f64 = ahead.iter().sum();
-        let is_sure = all > least && foretold > 0.0 && bootstrap.quantile_of_sum(&ahead, DOUBT) > 0.0;
-        if is_sure { (all / foretold).clamp(0.0, 1.0) } else { 0.0 }
+        let is_sure = ahead.all > least && bootstrap.quantile_of_sum(&by_block, DOUBT) > 0.0;
+        if is_sure { ahead.share() } else { 0.0 }
+    }
+
+    fn add(
+        &self,
+        session: &Session,
+        channel: usize,
+        after: &[Option<f64>],
+        ahead: &mut Ahead,
+        by_block: &mut [f64],
+    ) {
+        let own = &session.channels[channel];
+        let left = |row: usize| Some([after[row]?, self.wandering[channel][row]?]);
+        for row in 0..session.rows() {
+            let Some([after, wandering]) = left(row) else { continue };
+            let more = after * after - wandering * wandering;
+            by_block[session.hold_out.block_of_row[row]] += more;
+            ahead.all += more;
+            ahead.foretold += (own.gap[row] / own.scale).powi(2) - wandering * wandering;
+        }
+        for (first, second) in session.repeats.iter().flat_map(|(a, b)| a.clone().zip(b.clone())) {
+            let (Some(first), Some(second)) = (left(first), left(second)) else { continue };
+            let [sum, difference] = [1.0, -1.0].map(|sign| {
+                let [after, wandering] = [0, 1].map(|k| first[k] + sign * second[k]);
+                0.5 * (after * after - wandering * wandering)
+            });
+            ahead.repeated += sum + difference;
+            // Half of what differs by itself is in the sum, half in the difference.
+            ahead.differs += 2.0 * difference;
+        }
     }
 }
 
@@ -95,29 +136,31 @@ fn seconds(session: &Session) -> Vec<Second> {
     seconds
 }
 
-/// Per block on odd seconds: squared gap, what the best generic model leaves of it.
-fn of_channel(session: &Session, channel: usize, seconds: &[Second]) -> [Vec<f64>; 2] {
+/// Per row on odd seconds what the best generic model leaves.
+fn of_channel(session: &Session, channel: usize, seconds: &[Second]) -> Vec<Option<f64>> {
     let sums: Vec<Sums> = seconds.iter().map(|second| sums(session, channel, second)).collect();
-    let blocks = || vec![0.0; session.blocks()];
-    let mut before = blocks();
-    for (second, sums) in seconds.iter().zip(&sums).filter(|(second, _)| !second.is_even) {
-        before[second.block] += sums[5];
-    }
+    let odd = || (0..seconds.len()).filter(|index| !seconds[*index].is_even);
     let left = |(reach, scales): (usize, bool)| {
-        let mut left = blocks();
-        for index in (0..seconds.len()).filter(|index| !seconds[*index].is_even) {
+        let of_second = |index: usize| {
             let (offset, factor) = near(seconds, &sums, index, reach, scales);
             let [n, x, xx, g, xg, gg] = sums[index];
-            left[seconds[index].block] += gg - 2.0 * (offset * g + factor * xg)
+            gg - 2.0 * (offset * g + factor * xg)
                 + offset * offset * n
                 + 2.0 * offset * factor * x
-                + factor * factor * xx;
-        }
-        left
+                + factor * factor * xx
+        };
+        odd().map(of_second).sum::<f64>()
     };
-    let total = |values: &Vec<f64>| values.iter().sum::<f64>();
-    let best = KINDS.map(left).into_iter().min_by(|a, b| total(a).total_cmp(&total(b))).unwrap_or_default();
-    [before, best]
+    let best = KINDS.into_iter().min_by(|a, b| left(*a).total_cmp(&left(*b)));
+    let mut out = vec![None; session.rows()];
+    let own = &session.channels[channel];
+    for index in odd() {
+        let (offset, factor) = best.map_or((0.0, 0.0), |(reach, scales)| near(seconds, &sums, index, reach, scales));
+        for row in seconds[index].rows.clone().filter(|row| own.is_read(*row)) {
+            out[row] = Some((own.gap[row] - factor * own.simulated[row]) / own.scale - offset);
+        }
+    }
+    out
 }
 
 fn sums(session: &Session, channel: usize, second: &Second) -> Sums {

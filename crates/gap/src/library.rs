@@ -60,6 +60,11 @@ impl Term {
         fitted + self.shape.len()
     }
 
+    /// The same without what only comes along (a line beside a bend).
+    pub(crate) fn own_freedom(&self) -> usize {
+        self.freedom() - self.columns.iter().filter(|column| column.role == Role::Nuisance).count()
+    }
+
     /// Whether any of it exists in one unit only.
     pub(crate) fn is_event(&self) -> bool {
         self.columns.iter().any(|column| column.unit_only.is_some())
@@ -261,7 +266,7 @@ impl Made {
             unit: c.unit.clone(),
             role: c.role,
             plausible: c.plausible,
-            unit_only: c.unit_only,
+            unit_only: c.unit_only.or_else(|| lone_unit(session, c)),
             range: [if c.is_positive { 0.0 } else { -IMPLAUSIBLE * c.plausible }, IMPLAUSIBLE * c.plausible],
         };
         let headings = columns.iter().map(heading).collect();
@@ -277,6 +282,27 @@ impl Made {
         };
         Some(Self { term, columns })
     }
+}
+
+/// Share of a column's square beyond which the other units say nothing of its parameter, however well they repeat each other.
+const LONE: f64 = 0.97;
+
+/// The unit in which a fitted column shows nearly alone: a joint that bears a load in one recording only. Where that is left out, nothing
+/// else tells its parameter, and it is taken from even seconds as an event's is.
+fn lone_unit(session: &Session, column: &Column) -> Option<usize> {
+    let hold_out = &session.hold_out;
+    if hold_out.is_even.is_empty() || column.role == Role::Nuisance || column.role == Role::Pinned {
+        return None;
+    }
+    let mut squares = vec![0.0; hold_out.units.len()];
+    for (channel, values) in &column.parts {
+        let scale = session.channels[*channel].scale;
+        for (value, block) in values.iter().zip(&hold_out.block_of_row) {
+            squares[hold_out.unit_of_block[*block]] += (value / scale).powi(2);
+        }
+    }
+    let all: f64 = squares.iter().sum();
+    squares.iter().position(|own| *own > LONE * all)
 }
 
 impl Library<'_> {

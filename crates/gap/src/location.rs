@@ -97,20 +97,8 @@ fn sensor(channel: &Channel, [before, after]: [f64; 2], floor: f64) -> SensorGap
     }
 }
 
-/// Squared residual that the chosen terms leave on left-out rows, by channel and block.
-pub(crate) fn by_block(library: &Library<'_>, chosen: &[Chosen]) -> Vec<Vec<f64>> {
-    let block_of_row = &library.session.hold_out.block_of_row;
-    let sums = |left: Vec<Option<f64>>| {
-        let mut sums = vec![0.0; library.session.blocks()];
-        for (value, block) in left.into_iter().zip(block_of_row) {
-            sums[*block] += value.map_or(0.0, |value| value * value);
-        }
-        sums
-    };
-    residuals(library, chosen).into_iter().map(sums).collect()
-}
-
-fn residuals(library: &Library<'_>, chosen: &[Chosen]) -> Residuals {
+/// What the chosen terms leave on left-out rows.
+pub(crate) fn residuals(library: &Library<'_>, chosen: &[Chosen]) -> Residuals {
     let session = library.session;
     let mut out: Residuals = vec![vec![None; session.rows()]; session.channels.len()];
     for part in chosen {

@@ -275,7 +275,7 @@ impl Search<'_, '_, '_> {
         let is_wanted = |id: &TermId| {
             let term = &self.library.terms[*id];
             let is_first = seen.insert(term.effect);
-            (term.freedom() <= most_freedom && seen_simple.insert(term.effect)) || is_first
+            (term.own_freedom() <= most_freedom && seen_simple.insert(term.effect)) || is_first
         };
         all.into_iter().map(|(_, id)| id).filter(is_wanted).collect()
     }

@@ -98,6 +98,10 @@ pub(crate) fn run(case: &Case, arm: &Arm) -> Result<Outcome> {
         let without = wrenchd_gap::diagnose_without(&session, &[sites[0].0], |_, _| {});
         judged(arm, &recorded, &without)
     });
+    if std::env::var("DBG").is_ok() {
+        for s in &diagnosis.location.sensors { eprintln!("SENSOR {} {:.3} -> {:.3} floor {:.3}", s.name, s.before, s.after, s.floor); }
+        for f in &diagnosis.findings { eprintln!("FINDING {} {:?}", f.effect, f.parameters); }
+    }
     let mut outcome = judge(case, arm, &recorded, &diagnosis);
     (outcome.oracle, outcome.withheld, outcome.seconds) = (oracle, withheld, seconds);
     outcome.line = line(&outcome, &recorded, arm, &diagnosis);
@@ -220,7 +224,10 @@ fn line(outcome: &Outcome, recorded: &Recorded, arm: &Arm, diagnosis: &Diagnosis
         .effects
         .list
         .iter()
-        .map(|effect| format!("{}@{} {}", effect.kind.id(), place(effect.place), effect.size.unwrap_or(0.0)))
+        .map(|effect| {
+            let size = effect.size.unwrap_or(0.0);
+            format!("{}@{} {size} ({:.3e})", effect.kind.id(), place(effect.place), effect.strength)
+        })
         .collect();
     let found: Vec<String> = outcome.findings.iter().map(|judged| judged.line.clone()).collect();
     let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.3}"));

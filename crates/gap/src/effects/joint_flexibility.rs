@@ -7,7 +7,7 @@ use super::*;
 /// Compliance of an arm's large joints, rad/Nm.
 const STIFF_RAD_PER_NM: f64 = 1e-3;
 /// A small joint is softer: by so much any may give under the largest torque that it bears, rad ...
-const USUAL_RAD: f64 = 0.01;
+const USUAL_RAD: f64 = 0.05;
 /// ... but none is softer than this, rad/Nm.
 const SOFT_RAD_PER_NM: f64 = 0.1;
 

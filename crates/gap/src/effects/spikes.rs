@@ -12,7 +12,7 @@ pub(super) struct Spikes;
 /// Neighbours to each side.
 const REACH: usize = 3;
 /// A spike departs from the median of its neighbourhood by so many times what readings usually do.
-const FAR: [f64; 2] = [8.0, 12.0];
+const FAR: [f64; 3] = [5.5, 8.0, 12.0];
 /// Median magnitude of a Gaussian number over its standard deviation.
 const MEDIAN_MAGNITUDE: f64 = 0.674_489_75;
 
