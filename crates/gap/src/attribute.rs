@@ -95,7 +95,7 @@ impl Subsets {
             let others = bits.clone().filter(|other| *other != bit && !channels(*other).is_disjoint(&own));
             let shared: f64 = others.map(|other| self.shapley(other).iter().sum::<f64>()).sum();
             let adds = sum(all & !(1 << bit)) - sum(all);
-            (adds < REMAINDER * shared).then_some((adds, bit))
+            (shared > 0.0 && adds < REMAINDER * shared).then_some((adds, bit))
         });
         remainders.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, bit)| bit)
     }

@@ -2,7 +2,7 @@
 
 use crate::attribute::{self, Chosen};
 use crate::bootstrap::Bootstrap;
-use crate::candidates::{Candidates, Choice, Training, sum_of_difference};
+use crate::candidates::{Candidates, Choice, Training};
 use crate::diagnosis::{Diagnosis, Evidence, NotTestable};
 use crate::effects::{CATALOGUE, Place, by_id};
 use crate::establish::{Ground, Kept, add_events};
@@ -17,10 +17,6 @@ use crate::select::Search;
 use crate::session::Session;
 use crate::words;
 use std::collections::BTreeSet;
-
-/// A fold's choice gives way to the effects and places of all data, in shapes of its own, if these explain at least so much of
-/// what it does on its training data.
-const ALIKE: f64 = 0.97;
 
 /// Where a session's gap lies, which effects cause it, and how far it shrinks on what was left out.
 ///
@@ -75,10 +71,8 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
         if search.are_same_sites(&own.terms, &main.terms) {
             continue;
         }
-        let nothing = search.choice(Vec::new());
         let same = search.reshaped(&main.terms);
-        // Where effects look alike, chance must not name another one in every part of the data.
-        if sum_of_difference(&nothing, &same) >= ALIKE * sum_of_difference(&nothing, own) {
+        if search.may_as_well(&same, own) {
             part.terms = same.terms;
         }
     }
@@ -112,7 +106,7 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
         finding.evidence.see(&located.location.sensors, &channels);
         if let Some(generic) = &generic {
             let channels: Vec<usize> = channels.into_iter().collect();
-            finding.evidence.wandering = generic.lead(session, &channels, &located.left, &bootstrap);
+            finding.evidence.generic = generic.lead(session, &channels, &located.left, &bootstrap).share;
         }
         finding.confidence = finding.evidence.confidence();
         finding.indistinguishable_from =

@@ -113,7 +113,7 @@ pub struct Evidence {
     /// What leaving it out would cost, over what all findings explain.
     pub marginal: f64,
     /// Share of the gap by which a model that knows no physics is better on its channels; 0 where it is not.
-    pub wandering: f64,
+    pub generic: f64,
     /// Share of the reducible gap of its channels that all findings explain.
     pub explained: f64,
     /// Gap of its channels beyond the noise, RMS over it.

@@ -135,18 +135,14 @@ impl Kept {
         for id in &self.terms {
             let term = &library.terms[*id];
             let lead = generic.lead(session, &term.channels, &after, bootstrap);
-            if lead <= REFUTES {
+            if lead.share <= REFUTES {
                 continue;
             }
             outdone.push(site(id));
             let names: Vec<&str> = term.channels.iter().map(|k| session.channels[*k].name.as_str()).collect();
-            self.notes.push(format!(
-                "{} of {} is not the cause: a zero and a scale that wander foretell {:.0} % more of the gap there; something that \
-                 changes with time in its own way",
-                CATALOGUE[term.effect].id(),
-                names.join(", "),
-                100.0 * lead
-            ));
+            let more = lead.words.replace("{}", &format!("{:.0}", 100.0 * lead.share));
+            let id = CATALOGUE[term.effect].id();
+            self.notes.push(format!("{id} of {} is not the cause: {more}", names.join(", ")));
         }
         self.terms.retain(|id| !outdone.contains(&site(id)));
         chosen.iter_mut().for_each(|part| part.terms.retain(|id| !outdone.contains(&site(id))));

@@ -199,6 +199,13 @@ impl Search<'_, '_, '_> {
             let news = if effects.contains(&effect) { News::Place } else { News::Effect };
             let extent = self.extent(&step);
             let next = self.choice(choice.terms.iter().copied().chain(step).collect());
+            if std::env::var("DBG2").is_ok() && choice.terms.is_empty() {
+                let gains: Vec<f64> = choice.residual.iter().zip(&next.residual).map(|(a, b)| a - b).collect();
+                let t = self.library.terms[*next.terms.last().unwrap()].clone();
+                let by: Vec<i64> = self.training.folds.iter().map(|f| f.score.iter().map(|b| gains[*b]).sum::<f64>() as i64).collect();
+                eprintln!("STEP blocks {} {} {:?} {:?} n{} gain {:.0} least {:.0} q005 {:.0} plaus {} beyond {} folds {:?}", self.training.blocks.len(), crate::effects::CATALOGUE[t.effect].id(), t.channels, t.shape, next.terms.len(),
+                    gains.iter().sum::<f64>(), self.least(LEAST_SHARE, reducible), self.bootstrap.quantile_of_sum(&gains, DOUBT), self.is_plausible(&next), self.is_beyond_doubt(choice, &next), by);
+            }
             let improves = self.is_plausible(&next) && self.improves(choice, &next, news, reducible);
             if improves && self.is_beyond_doubt(choice, &next) {
                 scored.entry(effect).or_default().push((sum_of_difference(choice, &next), extent, next));
@@ -219,13 +226,24 @@ impl Search<'_, '_, '_> {
     /// The one with the fewest parameters among those (gain, extent, choice) that are as good as the best.
     fn simplest(&self, ways: &[(f64, Extent, Choice)], unclear: f64) -> Option<Choice> {
         let (gain, _, best) = ways.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let as_good = |other: &&(f64, Extent, Choice)| {
-            let behind: Vec<f64> = other.2.residual.iter().zip(&best.residual).map(|(a, b)| a - b).collect();
-            gain - other.0 <= self.equally_good(*gain)
-                || (gain - other.0 <= unclear * gain && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
-        };
+        let as_good = |other: &&(f64, Extent, Choice)| self.is_as_good(&other.2, other.0, best, *gain, unclear);
         let simplest = ways.iter().filter(as_good).min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0)))?;
         Some(simplest.2.clone())
+    }
+
+    /// Whether a choice that gains so much may do as well as the best: what it is behind is little, or drawing blocks anew does not show it.
+    fn is_as_good(&self, other: &Choice, gains: f64, best: &Choice, most: f64, unclear: f64) -> bool {
+        let behind: Vec<f64> = other.residual.iter().zip(&best.residual).map(|(a, b)| a - b).collect();
+        most - gains <= self.equally_good(most)
+            || (most - gains <= unclear * most && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
+    }
+
+    /// Whether this training set may as well be told by these terms as by its own choice: where effects look alike, chance must not name
+    /// another one in every part of the data.
+    pub(crate) fn may_as_well(&mut self, same: &Choice, own: &Choice) -> bool {
+        let nothing = self.choice(Vec::new());
+        let [gains, most] = [same, own].map(|choice| sum_of_difference(&nothing, choice));
+        gains >= most || self.is_as_good(same, gains, own, most, UNCLEAR)
     }
 
     /// By how much one that explains so much may be behind for nothing: a share, but where noise is known never more than is worth a

@@ -203,7 +203,7 @@ fn line_of(finding: &Finding, judged: &Judged) -> String {
         e.lead,
         e.lead_sigmas,
         e.marginal,
-        e.wandering,
+        e.generic,
         e.explained,
         e.excess,
         e.chosen,

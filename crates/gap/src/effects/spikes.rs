@@ -12,7 +12,9 @@ pub(super) struct Spikes;
 /// Neighbours to each side.
 const REACH: usize = 3;
 /// A spike departs from the median of its neighbourhood by so many times what readings usually do.
-const FAR: [f64; 3] = [5.5, 8.0, 12.0];
+const FAR: [f64; 3] = [6.5, 9.0, 13.0];
+/// Fewer than so many in all recordings are no fault of the sensor.
+const FEWEST: usize = 5;
 /// Median magnitude of a Gaussian number over its standard deviation.
 const MEDIAN_MAGNITUDE: f64 = 0.674_489_75;
 
@@ -47,7 +49,9 @@ impl Effect for Spikes {
         if session.channels[channel].gauge.is_none() {
             return Vec::new();
         }
-        vec![Column::pinned(channel, departures(session, channel, shape[0]))]
+        let spikes = departures(session, channel, shape[0]);
+        let count = spikes.iter().filter(|value| **value != 0.0).count();
+        if count < FEWEST { Vec::new() } else { vec![Column::pinned(channel, spikes)] }
     }
 
     fn report(&self, session: &Session, term: &Fitted<'_>) -> Option<Vec<Reported>> {

@@ -1,0 +1,154 @@
+//! Models that know no physics, for what they foretell better than the effects that were found: that is not what these say it is.
+//!
+//! Fitted on even seconds and judged on the odd ones, as events are.
+
+mod smooth;
+mod wandering;
+
+use crate::bootstrap::Bootstrap;
+use crate::location::Residuals;
+use crate::select::WORTH;
+use crate::session::Session;
+
+/// Share of what the generic model foretells that may be missing from what was found; with more, that is refuted.
+pub(crate) const REFUTES: f64 = 0.15;
+/// Share of draws in which that may fail to show.
+const DOUBT: f64 = 0.05;
+/// Share of it that must differ between two of the same motion: a form that is not quite the catalogue's comes again with the motion.
+const WANDERS: f64 = 0.35;
+
+/// What a model without physics leaves of every channel on odd seconds, per row over its scale; none elsewhere.
+struct Model {
+    left: Residuals,
+    /// Whether it is refuted itself by what comes again with the motion.
+    wanders: bool,
+    words: &'static str,
+}
+
+/// All of them.
+pub(crate) struct Generic {
+    models: Vec<Model>,
+}
+
+/// What a model foretells that was not found: the share of all that it foretells, and what it is.
+pub(crate) struct Lead {
+    pub(crate) share: f64,
+    pub(crate) words: &'static str,
+}
+
+/// What a model foretells better than what was found, in squares on odd seconds.
+#[derive(Default)]
+struct Ahead {
+    /// What it foretells of the gap.
+    foretold: f64,
+    /// What it leaves less than what was found.
+    all: f64,
+    /// The same on motions that were made twice, and what of it did not come twice.
+    repeated: f64,
+    differs: f64,
+}
+
+impl Ahead {
+    /// Share of what is foretold that was not found; nothing of what wanders where it comes again with the motion.
+    fn share(&self, wanders: bool) -> f64 {
+        let comes_again = wanders && self.repeated > 0.0 && self.differs < WANDERS * self.repeated;
+        if comes_again || self.foretold <= 0.0 { 0.0 } else { (self.all / self.foretold).clamp(0.0, 1.0) }
+    }
+}
+
+impl Generic {
+    /// Of a session with even and odd seconds; none of others.
+    pub(crate) fn new(session: &Session) -> Option<Self> {
+        if session.hold_out.is_even.is_empty() {
+            return None;
+        }
+        let seconds = wandering::seconds(session);
+        let channels: Vec<usize> = (0..session.channels.len()).collect();
+        let found = crate::parallel::map(&channels, |channel| {
+            [wandering::of_channel(session, *channel, &seconds), smooth::of_channel(session, *channel)]
+        });
+        let (wandering, smooth) = found.into_iter().map(|[wandering, smooth]| (wandering, smooth)).unzip();
+        let models = vec![
+            Model {
+                left: wandering,
+                wanders: true,
+                words: "a zero and a scale that wander foretell {} % more of the gap there; something that changes with time in its own way",
+            },
+            Model {
+                left: smooth,
+                wanders: false,
+                words: "a smooth function of loads and joint angles foretells {} % more of the gap there; something that goes with load and pose in its own way",
+            },
+        ];
+        Some(Self { models })
+    }
+
+    /// The model that foretells most of these channels' gap on left-out odd seconds that was not found, `after` being what was left per row;
+    /// a share of 0 where that is not beyond doubt, comes again with the motion though it should not, or is so little that the
+    /// calibration's own errors may do it.
+    pub(crate) fn lead(
+        &self,
+        session: &Session,
+        channels: &[usize],
+        after: &Residuals,
+        bootstrap: &Bootstrap,
+    ) -> Lead {
+        let of = |model: &Model| Lead {
+            share: model.lead(session, channels, after, bootstrap),
+            words: model.words,
+        };
+        let leads = self.models.iter().map(of).max_by(|a, b| a.share.total_cmp(&b.share));
+        leads.unwrap_or(Lead { share: 0.0, words: "" })
+    }
+}
+
+impl Model {
+    fn lead(
+        &self,
+        session: &Session,
+        channels: &[usize],
+        after: &Residuals,
+        bootstrap: &Bootstrap,
+    ) -> f64 {
+        let mut by_block = vec![0.0; session.blocks()];
+        let mut ahead = Ahead::default();
+        for &channel in channels {
+            self.add(session, channel, &after[channel], &mut ahead, &mut by_block);
+        }
+        let hold_out = &session.hold_out;
+        let odd = hold_out.block_of_row.iter().filter(|block| !hold_out.is_even(**block)).count();
+        let least = WORTH * (odd * channels.len()) as f64;
+        let is_sure = ahead.all > least && bootstrap.quantile_of_sum(&by_block, DOUBT) > 0.0;
+        if is_sure { ahead.share(self.wanders) } else { 0.0 }
+    }
+
+    fn add(
+        &self,
+        session: &Session,
+        channel: usize,
+        after: &[Option<f64>],
+        ahead: &mut Ahead,
+        by_block: &mut [f64],
+    ) {
+        let own = &session.channels[channel];
+        let left = |row: usize| Some([after[row]?, self.left[channel][row]?]);
+        for row in 0..session.rows() {
+            let Some([after, foretold]) = left(row) else { continue };
+            let more = after * after - foretold * foretold;
+            by_block[session.hold_out.block_of_row[row]] += more;
+            ahead.all += more;
+            ahead.foretold += (own.gap[row] / own.scale).powi(2) - foretold * foretold;
+        }
+        for (first, second) in session.repeats.iter().flat_map(|(a, b)| a.clone().zip(b.clone())) {
+            let (Some(first), Some(second)) = (left(first), left(second)) else { continue };
+            let [sum, difference] = [1.0, -1.0].map(|sign| {
+                let [after, foretold] = [0, 1].map(|k| first[k] + sign * second[k]);
+                0.5 * (after * after - foretold * foretold)
+            });
+            ahead.repeated += sum + difference;
+            // Half of what differs by itself is in the sum, half in the difference.
+            ahead.differs += 2.0 * difference;
+        }
+    }
+}
+
