@@ -199,13 +199,6 @@ impl Search<'_, '_, '_> {
             let news = if effects.contains(&effect) { News::Place } else { News::Effect };
             let extent = self.extent(&step);
             let next = self.choice(choice.terms.iter().copied().chain(step).collect());
-            if std::env::var("DBG2").is_ok() && choice.terms.is_empty() {
-                let gains: Vec<f64> = choice.residual.iter().zip(&next.residual).map(|(a, b)| a - b).collect();
-                let t = self.library.terms[*next.terms.last().unwrap()].clone();
-                let by: Vec<i64> = self.training.folds.iter().map(|f| f.score.iter().map(|b| gains[*b]).sum::<f64>() as i64).collect();
-                eprintln!("STEP blocks {} {} {:?} {:?} n{} gain {:.0} least {:.0} q005 {:.0} plaus {} beyond {} folds {:?}", self.training.blocks.len(), crate::effects::CATALOGUE[t.effect].id(), t.channels, t.shape, next.terms.len(),
-                    gains.iter().sum::<f64>(), self.least(LEAST_SHARE, reducible), self.bootstrap.quantile_of_sum(&gains, DOUBT), self.is_plausible(&next), self.is_beyond_doubt(choice, &next), by);
-            }
             let improves = self.is_plausible(&next) && self.improves(choice, &next, news, reducible);
             if improves && self.is_beyond_doubt(choice, &next) {
                 scored.entry(effect).or_default().push((sum_of_difference(choice, &next), extent, next));

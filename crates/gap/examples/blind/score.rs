@@ -98,10 +98,6 @@ pub(crate) fn run(case: &Case, arm: &Arm) -> Result<Outcome> {
         let without = wrenchd_gap::diagnose_without(&session, &[sites[0].0], |_, _| {});
         judged(arm, &recorded, &without)
     });
-    if std::env::var("DBG").is_ok() {
-        for s in &diagnosis.location.sensors { eprintln!("SENSOR {} {:.3} -> {:.3} floor {:.3}", s.name, s.before, s.after, s.floor); }
-        for f in &diagnosis.findings { eprintln!("FINDING {} {:?}", f.effect, f.parameters); }
-    }
     let mut outcome = judge(case, arm, &recorded, &diagnosis);
     (outcome.oracle, outcome.withheld, outcome.seconds) = (oracle, withheld, seconds);
     outcome.line = line(&outcome, &recorded, arm, &diagnosis);
