@@ -72,9 +72,8 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
             continue;
         }
         let same = search.reshaped(&main.terms);
-        if search.may_as_well(&same, own) {
-            part.terms = same.terms;
-        }
+        let told = if search.may_as_well(&same, own) { same } else { search.renamed(own, &main.terms) };
+        part.terms = told.terms;
     }
     add_events(&mut library, &main, &mut chosen);
     let mut kept = Kept { terms: main.terms, effects: Vec::new(), notes: session.notes.clone() };

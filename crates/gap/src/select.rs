@@ -147,6 +147,27 @@ impl Search<'_, '_, '_> {
         if asks { whole } else { choice }
     }
 
+    /// The choice with the effects that `main` names in the place of others that it does not, where both say that something is there and
+    /// this training set asks for what `main` names.
+    pub(crate) fn renamed(&mut self, own: &Choice, main: &[TermId]) -> Choice {
+        let (known, named) = (self.effects(&own.terms), self.effects(main));
+        let is_of = |id: &TermId, effects: &BTreeSet<usize>| effects.contains(&self.library.terms[*id].effect);
+        let touches = |id: &TermId, others: &[TermId]| {
+            others.iter().any(|other| self.library.terms[*id].touches(&self.library.terms[*other]))
+        };
+        let others: Vec<TermId> = own.terms.iter().copied().filter(|id| !is_of(id, &named)).collect();
+        let missing: Vec<TermId> =
+            main.iter().copied().filter(|id| !is_of(id, &known) && touches(id, &others)).collect();
+        let stays = |id: &TermId| is_of(id, &named) || !touches(id, &missing);
+        let kept = own.terms.iter().copied().filter(stays).collect();
+        if missing.is_empty() {
+            return own.clone();
+        }
+        let base = self.choice(kept);
+        let renamed = self.with_missing(base.clone(), &missing);
+        if renamed.terms.len() > base.terms.len() { renamed } else { own.clone() }
+    }
+
     fn effects(&self, terms: &[TermId]) -> BTreeSet<usize> {
         terms.iter().map(|id| self.library.terms[*id].effect).collect()
     }
