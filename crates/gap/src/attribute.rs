@@ -57,21 +57,17 @@ impl Subsets {
         &self.residuals[self.residuals.len() - 1]
     }
 
-    /// The effect that helps least, if that is next to nothing: a share of what goes away, but where noise is known never more than a
-    /// fraction of one channel's noise, or a large gap would hide the others.
+    /// The effect that helps least, if that is next to nothing: where noise is known a fraction of one channel's noise, for a share of a
+    /// large gap would hide the others; else a share of what goes away.
     pub(crate) fn failing(&self, library: &Library<'_>) -> Option<usize> {
         let values = (0..self.effects.len()).map(|bit| (self.shapley(bit).iter().sum::<f64>(), bit));
         let (value, bit) = values.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let all: f64 = self.before().iter().zip(self.after()).map(|(before, after)| before - after).sum();
-        let share = LEAST_SHARE * all.max(0.0);
         let session = library.session;
         let least = if session.hold_out.is_even.is_empty() {
-            share
+            LEAST_SHARE * all.max(0.0)
         } else {
-            share.min(
-                LEAST_OF_WORTH * WORTH * library.counts.iter().sum::<f64>()
-                    / session.channels.len().max(1) as f64,
-            )
+            LEAST_OF_WORTH * WORTH * library.counts.iter().sum::<f64>() / session.channels.len().max(1) as f64
         };
         (value <= least).then_some(bit)
     }

@@ -68,12 +68,7 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
     for (part, (training, own)) in chosen.iter_mut().zip(&trainings) {
         let mut search =
             Search { library: &mut library, candidates: &candidates, training, bootstrap: &bootstrap };
-        if search.are_same_sites(&own.terms, &main.terms) {
-            continue;
-        }
-        let same = search.reshaped(&main.terms);
-        let told = if search.may_as_well(&same, own) { same } else { search.renamed(own, &main.terms) };
-        part.terms = told.terms;
+        part.terms = search.told_by(own, &main.terms).terms;
     }
     add_events(&mut library, &main, &mut chosen);
     let mut kept = Kept { terms: main.terms, effects: Vec::new(), notes: session.notes.clone() };

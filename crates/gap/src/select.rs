@@ -48,7 +48,7 @@ pub(crate) const WORTH: f64 = 0.05;
 pub(crate) const REMAINDER: f64 = 0.08;
 
 /// Part of that which makes a finding if it is beyond doubt: what is left of a small effect on other motions is less than all of it.
-pub(crate) const LEAST_OF_WORTH: f64 = 0.5;
+pub(crate) const LEAST_OF_WORTH: f64 = 0.65;
 
 /// What a step brings.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -111,7 +111,7 @@ impl Search<'_, '_, '_> {
     }
 
     /// Whether these are the same effects at the same places.
-    pub(crate) fn are_same_sites(&self, some: &[TermId], others: &[TermId]) -> bool {
+    fn are_same_sites(&self, some: &[TermId], others: &[TermId]) -> bool {
         let sites = |terms: &[TermId]| terms.iter().map(|id| self.site(*id)).collect::<BTreeSet<_>>();
         sites(some) == sites(others)
     }
@@ -149,7 +149,7 @@ impl Search<'_, '_, '_> {
 
     /// The choice with the effects that `main` names in the place of others that it does not, where both say that something is there and
     /// this training set asks for what `main` names.
-    pub(crate) fn renamed(&mut self, own: &Choice, main: &[TermId]) -> Choice {
+    fn renamed(&mut self, own: &Choice, main: &[TermId]) -> Choice {
         let (known, named) = (self.effects(&own.terms), self.effects(main));
         let is_of = |id: &TermId, effects: &BTreeSet<usize>| effects.contains(&self.library.terms[*id].effect);
         let touches = |id: &TermId, others: &[TermId]| {
@@ -252,12 +252,21 @@ impl Search<'_, '_, '_> {
             || (most - gains <= unclear * most && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
     }
 
-    /// Whether this training set may as well be told by these terms as by its own choice: where effects look alike, chance must not name
-    /// another one in every part of the data.
-    pub(crate) fn may_as_well(&mut self, same: &Choice, own: &Choice) -> bool {
-        let nothing = self.choice(Vec::new());
-        let [gains, most] = [same, own].map(|choice| sum_of_difference(&nothing, choice));
-        gains >= most || self.is_as_good(same, gains, own, most, UNCLEAR)
+    /// The choice in the words of `main`, the choice on all data, where this training set may as well be told by these: where effects look
+    /// alike, chance must not name another one in every part of the data. One that chose nothing by itself must ask for them.
+    pub(crate) fn told_by(&mut self, own: &Choice, main: &[TermId]) -> Choice {
+        if self.are_same_sites(&own.terms, main) {
+            return own.clone();
+        }
+        if own.terms.is_empty() {
+            return self.with_missing(own.clone(), main);
+        }
+        let (nothing, same) = (self.choice(Vec::new()), self.reshaped(main));
+        let [gains, most] = [&same, own].map(|choice| sum_of_difference(&nothing, choice));
+        if gains >= most || self.is_as_good(&same, gains, own, most, UNCLEAR) {
+            return same;
+        }
+        self.renamed(own, main)
     }
 
     /// By how much one that explains so much may be behind for nothing: a share, but where noise is known never more than is worth a
