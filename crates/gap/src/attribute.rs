@@ -135,7 +135,7 @@ const NEAR: f64 = 0.85;
 const AS_GOOD: f64 = 0.94;
 
 /// Share of draws in which what does better with many more parameters may fail to.
-const BETTER: f64 = 0.1;
+const BETTER: f64 = 0.45;
 /// Share of an effect's gain by which another may be ahead for nothing: a calibration's errors look like a little of everything.
 const NOTHING: f64 = 0.003;
 

@@ -48,7 +48,7 @@ pub(crate) const WORTH: f64 = 0.05;
 pub(crate) const REMAINDER: f64 = 0.08;
 
 /// Part of that which makes a finding if it is beyond doubt: what is left of a small effect on other motions is less than all of it.
-pub(crate) const LEAST_OF_WORTH: f64 = 0.65;
+pub(crate) const LEAST_OF_WORTH: f64 = 0.5;
 
 /// What a step brings.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -151,7 +151,8 @@ impl Search<'_, '_, '_> {
     /// this training set asks for what `main` names.
     fn renamed(&mut self, own: &Choice, main: &[TermId]) -> Choice {
         let (known, named) = (self.effects(&own.terms), self.effects(main));
-        let is_of = |id: &TermId, effects: &BTreeSet<usize>| effects.contains(&self.library.terms[*id].effect);
+        let is_of =
+            |id: &TermId, effects: &BTreeSet<usize>| effects.contains(&self.library.terms[*id].effect);
         let touches = |id: &TermId, others: &[TermId]| {
             others.iter().any(|other| self.library.terms[*id].touches(&self.library.terms[*other]))
         };
@@ -240,7 +241,8 @@ impl Search<'_, '_, '_> {
     /// The one with the fewest parameters among those (gain, extent, choice) that are as good as the best.
     fn simplest(&self, ways: &[(f64, Extent, Choice)], unclear: f64) -> Option<Choice> {
         let (gain, _, best) = ways.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let as_good = |other: &&(f64, Extent, Choice)| self.is_as_good(&other.2, other.0, best, *gain, unclear);
+        let as_good =
+            |other: &&(f64, Extent, Choice)| self.is_as_good(&other.2, other.0, best, *gain, unclear);
         let simplest = ways.iter().filter(as_good).min_by(|a, b| a.1.cmp(&b.1).then(b.0.total_cmp(&a.0)))?;
         Some(simplest.2.clone())
     }

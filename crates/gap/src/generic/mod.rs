@@ -103,13 +103,7 @@ impl Generic {
 }
 
 impl Model {
-    fn lead(
-        &self,
-        session: &Session,
-        channels: &[usize],
-        after: &Residuals,
-        bootstrap: &Bootstrap,
-    ) -> f64 {
+    fn lead(&self, session: &Session, channels: &[usize], after: &Residuals, bootstrap: &Bootstrap) -> f64 {
         let mut by_block = vec![0.0; session.blocks()];
         let mut ahead = Ahead::default();
         for &channel in channels {
@@ -151,4 +145,3 @@ impl Model {
         }
     }
 }
-

@@ -36,7 +36,9 @@ fn features(session: &Session, channel: usize) -> Vec<Vec<f64>> {
     let signal = normalised(own.simulated.clone());
     let mut bases: Vec<Vec<f64>> = Vec::new();
     for axis in 0..6 {
-        bases.extend(own.gauge.as_ref().map(|gauge| normalised(gauge.loads.iter().map(|l| l[axis]).collect())));
+        bases.extend(
+            own.gauge.as_ref().map(|gauge| normalised(gauge.loads.iter().map(|l| l[axis]).collect())),
+        );
     }
     let mut all = vec![ones];
     for (k, base) in bases.iter().enumerate() {

@@ -56,7 +56,8 @@ pub(super) fn of_channel(session: &Session, channel: usize, seconds: &[Second]) 
     let mut out = vec![None; session.rows()];
     let own = &session.channels[channel];
     for index in odd() {
-        let (offset, factor) = best.map_or((0.0, 0.0), |(reach, scales)| near(seconds, &sums, index, reach, scales));
+        let (offset, factor) =
+            best.map_or((0.0, 0.0), |(reach, scales)| near(seconds, &sums, index, reach, scales));
         for row in seconds[index].rows.clone().filter(|row| own.is_read(*row)) {
             out[row] = Some((own.gap[row] - factor * own.simulated[row]) / own.scale - offset);
         }
