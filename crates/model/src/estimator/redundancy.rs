@@ -15,6 +15,9 @@
 //! (J. Sturza, Navigation system integrity monitoring using redundant measurements, Navigation 35(4), 1988.) With two spare rows the lines lie
 //! in a plane, with one they are all the same, with none nothing shows. A row whose line has no length cannot be checked by the others.
 
+use wide::f64x4;
+
+use super::covariance;
 use super::triangle::Row;
 
 /// A row of which less than this share of its variance is left in the residual cannot be checked: rounding alone would show.
@@ -26,41 +29,42 @@ pub struct Redundancy {
     rows: Vec<[f64; 6]>,
     residual_counts: Vec<f64>,
     /// `w`, 1/counts.
-    dual: Vec<f64>,
-    /// `Q`, row by row, 1/counts^2.
-    q: Vec<f64>,
+    dual: Vec<f64x4>,
+    /// `Q`, row by row, four columns at a time, 1/counts^2.
+    q: Vec<f64x4>,
     /// Columns of `K`: N/count, Nm/count.
     gains: Vec<[f64; 6]>,
     chi2: f64,
-    /// Inverse of the Cholesky factor and the orthonormal basis of the whitened columns.
-    inverse_factor: Vec<f64>,
-    basis: Vec<[f64; 6]>,
-    scratch: Vec<f64>,
+    /// `L^-1`, laid out as `Q`.
+    inverse_factor: Vec<f64x4>,
+    /// `U' L^-1` with the orthonormal basis `U` of the whitened columns, laid out alike.
+    lead: Vec<f64x4>,
+    /// Fours of columns of a row.
+    fours: usize,
 }
 
 impl Redundancy {
     /// For up to so many rows.
     pub fn new(capacity: usize) -> Self {
-        let square = || vec![0.0; capacity * capacity];
+        let (capacity, fours) = covariance::room(capacity);
+        let matrix = |rows: usize| vec![f64x4::ZERO; rows * fours];
         Self {
             rows: Vec::with_capacity(capacity),
             residual_counts: Vec::with_capacity(capacity),
-            dual: Vec::with_capacity(capacity),
-            q: square(),
+            dual: matrix(1),
+            q: matrix(capacity),
             gains: Vec::with_capacity(capacity),
             chi2: 0.0,
-            inverse_factor: square(),
-            basis: Vec::with_capacity(capacity),
-            scratch: square(),
+            inverse_factor: matrix(capacity),
+            lead: matrix(6),
+            fours,
         }
     }
 
     pub(super) fn clear(&mut self) {
         self.rows.clear();
         self.residual_counts.clear();
-        self.dual.clear();
         self.gains.clear();
-        self.basis.clear();
         self.chi2 = 0.0;
     }
 
@@ -103,12 +107,12 @@ impl Redundancy {
     /// The guess of a fault in a row if it is the only one, counts; 0 where none would show.
     pub fn fault_counts(&self, row: usize) -> f64 {
         let q = self.q(row, row);
-        if q > 0.0 { self.dual[row] / q } else { 0.0 }
+        if q > 0.0 { at(&self.dual, row) / q } else { 0.0 }
     }
 
     /// Part of the residual along the line of a row's signature, standard deviations.
     pub fn along(&self, row: usize) -> f64 {
-        self.fault_sigma_counts(row).map_or(0.0, |sigma_counts| self.dual[row] * sigma_counts)
+        self.fault_sigma_counts(row).map_or(0.0, |sigma_counts| at(&self.dual, row) * sigma_counts)
     }
 
     /// Part of the residual beside that line, squared, standard deviations squared.
@@ -142,7 +146,7 @@ impl Redundancy {
     }
 
     fn q(&self, i: usize, k: usize) -> f64 {
-        self.q[i * self.rows.len() + k]
+        at(&self.q[i * self.fours..], k)
     }
 
     /// From the Cholesky factor `L` of V (row, column), `L^-1 A D` (D scales the columns) and the inverse of its triangle.
@@ -153,55 +157,96 @@ impl Redundancy {
         inverse: &[Row; 6],
         column_scale: &[f64; 6],
     ) -> bool {
-        let n = self.rows.len();
         self.invert(&factor);
-        for row in whitened {
-            self.basis.push(std::array::from_fn(|c| (0..=c).map(|k| row.at(k) * inverse[k].at(c)).sum()));
-        }
-        for i in 0..n {
-            // U' L^-1 e_i, then K e_i = D R^-1 U' L^-1 e_i.
-            let lead: [f64; 6] = std::array::from_fn(|c| {
-                (i..n).map(|k| self.basis[k][c] * self.inverse_factor[k * n + i]).sum()
-            });
-            self.gains.push(std::array::from_fn(|c| {
-                column_scale[c] * (c..6).map(|k| inverse[c].at(k) * lead[k]).sum::<f64>()
-            }));
-            // (1 - U U') L^-1 e_i.
-            for k in 0..n {
-                let own = if k >= i { self.inverse_factor[k * n + i] } else { 0.0 };
-                let fitted: f64 = (0..6).map(|c| self.basis[k][c] * lead[c]).sum();
-                self.scratch[k * n + i] = own - fitted;
-            }
-        }
-        for i in 0..n {
-            for k in 0..n {
-                let sum = (i..n).map(|m| self.inverse_factor[m * n + i] * self.scratch[m * n + k]).sum();
-                self.q[i * n + k] = sum;
-            }
-            let variance: f64 = (0..=i).map(|m| factor(i, m).powi(2)).sum();
-            if n <= 6 || self.q(i, i) * variance < CHECKABLE_SHARE {
-                self.q[i * n + i] = 0.0;
-            }
-        }
-        for i in 0..n {
-            let dual: f64 = (0..n).map(|k| self.q(i, k) * self.residual_counts[k]).sum();
-            self.dual.push(dual);
-            self.chi2 += dual * self.residual_counts[i];
-        }
-        self.chi2 = self.chi2.max(0.0);
+        self.find_lead(whitened, inverse);
+        self.find_gains(inverse, column_scale);
+        self.find_q(&factor);
+        self.find_dual();
         self.chi2.is_finite()
     }
 
+    /// `L^-1` by forward substitution.
     fn invert(&mut self, factor: impl Fn(usize, usize) -> f64) {
-        let n = self.rows.len();
-        for i in 0..n {
-            for k in 0..i {
-                let sum: f64 = (k..i).map(|m| factor(i, m) * self.inverse_factor[m * n + k]).sum();
-                self.inverse_factor[i * n + k] = -sum / factor(i, i);
+        let fours = self.fours;
+        for i in 0..self.rows.len() {
+            let (done, rest) = self.inverse_factor.split_at_mut(i * fours);
+            let own = &mut rest[..fours];
+            own.fill(f64x4::ZERO);
+            for (m, row) in done.chunks_exact(fours).enumerate() {
+                add(own, -factor(i, m), row);
             }
-            self.inverse_factor[i * n + i] = factor(i, i).recip();
+            let reciprocal = factor(i, i).recip();
+            own.iter_mut().for_each(|four| *four *= f64x4::splat(reciprocal));
+            own[i / 4].as_mut_array()[i % 4] = reciprocal;
         }
     }
+
+    fn find_lead(&mut self, whitened: &[Row], inverse: &[Row; 6]) {
+        self.lead.fill(f64x4::ZERO);
+        for (whitened, own) in whitened.iter().zip(self.inverse_factor.chunks_exact(self.fours)) {
+            let mut basis = Row::default();
+            inverse.iter().enumerate().for_each(|(k, row)| basis.add(whitened.at(k), row));
+            for (c, lead) in self.lead.chunks_exact_mut(self.fours).enumerate() {
+                add(lead, basis.at(c), own);
+            }
+        }
+    }
+
+    /// `K e_i = D R^-1 U' L^-1 e_i`.
+    fn find_gains(&mut self, inverse: &[Row; 6], column_scale: &[f64; 6]) {
+        let column = |k: usize| Row::new(&std::array::from_fn(|c| column_scale[c] * inverse[c].at(k)), 0.0);
+        let columns: [Row; 6] = std::array::from_fn(column);
+        for i in 0..self.rows.len() {
+            let mut gain = Row::default();
+            for (column, lead) in columns.iter().zip(self.lead.chunks_exact(self.fours)) {
+                gain.add(at(lead, i), column);
+            }
+            self.gains.push(gain.factors());
+        }
+    }
+
+    /// `Q = L^-T (1 - U U') L^-1`.
+    fn find_q(&mut self, factor: impl Fn(usize, usize) -> f64) {
+        let (n, fours) = (self.rows.len(), self.fours);
+        for (i, q) in self.q.chunks_exact_mut(fours).enumerate().take(n) {
+            q.fill(f64x4::ZERO);
+            // L^-1 is a lower triangle.
+            for row in self.inverse_factor.chunks_exact(fours).take(n).skip(i) {
+                add(q, at(row, i), row);
+            }
+            for lead in self.lead.chunks_exact(fours) {
+                add(q, -at(lead, i), lead);
+            }
+            let variance: f64 = (0..=i).map(|m| factor(i, m).powi(2)).sum();
+            let own = &mut q[i / 4].as_mut_array()[i % 4];
+            if n <= 6 || *own * variance < CHECKABLE_SHARE {
+                *own = 0.0;
+            }
+        }
+    }
+
+    /// `w = Q r` and `r' Q r`.
+    fn find_dual(&mut self) {
+        self.dual.fill(f64x4::ZERO);
+        for (residual, q) in self.residual_counts.iter().zip(self.q.chunks_exact(self.fours)) {
+            add(&mut self.dual, *residual, q);
+        }
+        let length2 = |(i, residual): (usize, &f64)| residual * at(&self.dual, i);
+        self.chi2 = self.residual_counts.iter().enumerate().map(length2).sum::<f64>().max(0.0);
+    }
+}
+
+/// One number of a row of fours.
+#[inline]
+fn at(row: &[f64x4], column: usize) -> f64 {
+    row[column / 4].as_array()[column % 4]
+}
+
+/// Adds a multiple of another row.
+#[inline]
+fn add(row: &mut [f64x4], factor: f64, other: &[f64x4]) {
+    let factor = f64x4::splat(factor);
+    row.iter_mut().zip(other).for_each(|(own, other)| *own += factor * *other);
 }
 
 #[cfg(test)]
