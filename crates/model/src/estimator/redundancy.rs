@@ -37,8 +37,6 @@ pub struct Redundancy {
     chi2: f64,
     /// `L^-1`, laid out as `Q`.
     inverse_factor: Vec<f64x4>,
-    /// `U' L^-1` with the orthonormal basis `U` of the whitened columns, laid out alike.
-    lead: Vec<f64x4>,
     /// Fours of columns of a row.
     fours: usize,
 }
@@ -56,7 +54,6 @@ impl Redundancy {
             gains: Vec::with_capacity(capacity),
             chi2: 0.0,
             inverse_factor: matrix(capacity),
-            lead: matrix(6),
             fours,
         }
     }
@@ -157,83 +154,90 @@ impl Redundancy {
         inverse: &[Row; 6],
         column_scale: &[f64; 6],
     ) -> bool {
-        self.invert(&factor);
-        self.find_lead(whitened, inverse);
-        self.find_gains(inverse, column_scale);
-        self.find_q(&factor);
-        self.find_dual();
+        match self.fours {
+            2 => self.find::<2>(factor, whitened, inverse, column_scale),
+            4 => self.find::<4>(factor, whitened, inverse, column_scale),
+            16 => self.find::<16>(factor, whitened, inverse, column_scale),
+            _ => self.find::<{ covariance::MOST_FOURS }>(factor, whitened, inverse, column_scale),
+        }
         self.chi2.is_finite()
     }
 
-    /// `L^-1` by forward substitution.
-    fn invert(&mut self, factor: impl Fn(usize, usize) -> f64) {
-        let fours = self.fours;
-        for i in 0..self.rows.len() {
-            let (done, rest) = self.inverse_factor.split_at_mut(i * fours);
-            let own = &mut rest[..fours];
-            own.fill(f64x4::ZERO);
-            for (m, row) in done.chunks_exact(fours).enumerate() {
-                add(own, -factor(i, m), row);
-            }
-            let reciprocal = factor(i, i).recip();
-            own.iter_mut().for_each(|four| *four *= f64x4::splat(reciprocal));
-            own[i / 4].as_mut_array()[i % 4] = reciprocal;
-        }
-    }
-
-    fn find_lead(&mut self, whitened: &[Row], inverse: &[Row; 6]) {
-        self.lead.fill(f64x4::ZERO);
-        for (whitened, own) in whitened.iter().zip(self.inverse_factor.chunks_exact(self.fours)) {
-            let mut basis = Row::default();
-            inverse.iter().enumerate().for_each(|(k, row)| basis.add(whitened.at(k), row));
-            for (c, lead) in self.lead.chunks_exact_mut(self.fours).enumerate() {
-                add(lead, basis.at(c), own);
-            }
-        }
-    }
-
-    /// `K e_i = D R^-1 U' L^-1 e_i`.
-    fn find_gains(&mut self, inverse: &[Row; 6], column_scale: &[f64; 6]) {
+    /// The same where a row is so many fours.
+    fn find<const FOURS: usize>(
+        &mut self,
+        factor: impl Fn(usize, usize) -> f64,
+        whitened: &[Row],
+        inverse: &[Row; 6],
+        column_scale: &[f64; 6],
+    ) {
+        let n = self.rows.len();
+        let [inverse_factor, q] =
+            [&mut self.inverse_factor, &mut self.q].map(|m| &mut m.as_chunks_mut().0[..n]);
+        invert::<FOURS>(inverse_factor, &factor);
+        let lead = lead(whitened, inverse, inverse_factor);
+        // K e_i = D R^-1 U' L^-1 e_i.
         let column = |k: usize| Row::new(&std::array::from_fn(|c| column_scale[c] * inverse[c].at(k)), 0.0);
         let columns: [Row; 6] = std::array::from_fn(column);
-        for i in 0..self.rows.len() {
+        self.gains.extend((0..n).map(|i| {
             let mut gain = Row::default();
-            for (column, lead) in columns.iter().zip(self.lead.chunks_exact(self.fours)) {
-                gain.add(at(lead, i), column);
-            }
-            self.gains.push(gain.factors());
-        }
-    }
-
-    /// `Q = L^-T (1 - U U') L^-1`.
-    fn find_q(&mut self, factor: impl Fn(usize, usize) -> f64) {
-        let (n, fours) = (self.rows.len(), self.fours);
-        for (i, q) in self.q.chunks_exact_mut(fours).enumerate().take(n) {
-            q.fill(f64x4::ZERO);
-            // L^-1 is a lower triangle.
-            for row in self.inverse_factor.chunks_exact(fours).take(n).skip(i) {
-                add(q, at(row, i), row);
-            }
-            for lead in self.lead.chunks_exact(fours) {
-                add(q, -at(lead, i), lead);
-            }
+            columns.iter().zip(&lead).for_each(|(column, lead)| gain.add(at(lead, i), column));
+            gain.factors()
+        }));
+        for (i, q) in q.iter_mut().enumerate() {
+            *q = q_row(i, inverse_factor, &lead);
             let variance: f64 = (0..=i).map(|m| factor(i, m).powi(2)).sum();
             let own = &mut q[i / 4].as_mut_array()[i % 4];
             if n <= 6 || *own * variance < CHECKABLE_SHARE {
                 *own = 0.0;
             }
         }
-    }
-
-    /// `w = Q r` and `r' Q r`.
-    fn find_dual(&mut self) {
-        self.dual.fill(f64x4::ZERO);
-        for (residual, q) in self.residual_counts.iter().zip(self.q.chunks_exact(self.fours)) {
-            add(&mut self.dual, *residual, q);
-        }
-        let length2 = |(i, residual): (usize, &f64)| residual * at(&self.dual, i);
+        let mut dual = [f64x4::ZERO; FOURS];
+        self.residual_counts.iter().zip(&*q).for_each(|(residual, q)| add(&mut dual, *residual, q));
+        let length2 = |(i, residual): (usize, &f64)| residual * at(&dual, i);
         self.chi2 = self.residual_counts.iter().enumerate().map(length2).sum::<f64>().max(0.0);
+        self.dual.copy_from_slice(&dual);
     }
+}
+
+/// `L^-1` by forward substitution.
+fn invert<const FOURS: usize>(rows: &mut [[f64x4; FOURS]], factor: impl Fn(usize, usize) -> f64) {
+    for i in 0..rows.len() {
+        let mut own = [f64x4::ZERO; FOURS];
+        rows[..i].iter().enumerate().for_each(|(m, row)| add(&mut own, -factor(i, m), row));
+        let reciprocal = factor(i, i).recip();
+        own.iter_mut().for_each(|four| *four *= f64x4::splat(reciprocal));
+        own[i / 4].as_mut_array()[i % 4] = reciprocal;
+        rows[i] = own;
+    }
+}
+
+/// `U' L^-1`.
+fn lead<const FOURS: usize>(
+    whitened: &[Row],
+    inverse: &[Row; 6],
+    inverse_factor: &[[f64x4; FOURS]],
+) -> [[f64x4; FOURS]; 6] {
+    let mut all = [[f64x4::ZERO; FOURS]; 6];
+    for (whitened, own) in whitened.iter().zip(inverse_factor) {
+        let mut basis = Row::default();
+        inverse.iter().enumerate().for_each(|(k, row)| basis.add(whitened.at(k), row));
+        all.iter_mut().enumerate().for_each(|(c, lead)| add(lead, basis.at(c), own));
+    }
+    all
+}
+
+/// Row `i` of `Q = L^-T (1 - U U') L^-1`.
+fn q_row<const FOURS: usize>(
+    i: usize,
+    inverse_factor: &[[f64x4; FOURS]],
+    lead: &[[f64x4; FOURS]; 6],
+) -> [f64x4; FOURS] {
+    let mut row = [f64x4::ZERO; FOURS];
+    // L^-1 is a lower triangle.
+    inverse_factor[i..].iter().for_each(|own| add(&mut row, at(own, i), own));
+    lead.iter().for_each(|lead| add(&mut row, -at(lead, i), lead));
+    row
 }
 
 /// One number of a row of fours.
@@ -244,7 +248,7 @@ fn at(row: &[f64x4], column: usize) -> f64 {
 
 /// Adds a multiple of another row.
 #[inline]
-fn add(row: &mut [f64x4], factor: f64, other: &[f64x4]) {
+fn add<const FOURS: usize>(row: &mut [f64x4; FOURS], factor: f64, other: &[f64x4; FOURS]) {
     let factor = f64x4::splat(factor);
     row.iter_mut().zip(other).for_each(|(own, other)| *own += factor * *other);
 }
