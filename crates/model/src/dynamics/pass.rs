@@ -37,7 +37,7 @@ impl Dynamics {
         self.carry_tip();
     }
 
-    /// The loads alone, in three quarters of the time. What is asked about the tip seen from a segment (all ways of a tip wrench) needs
+    /// The loads alone, in five sixths of the time. What is asked about the tip seen from a segment (all ways of a tip wrench) needs
     /// [`Self::carry_tip`] before.
     pub fn update_loads(
         &mut self,

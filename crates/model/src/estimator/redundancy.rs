@@ -81,38 +81,45 @@ impl Redundancy {
     }
 
     /// Spare rows: dimensions in which faults show.
+    #[inline]
     pub fn spare(&self) -> usize {
         self.rows.len().saturating_sub(6)
     }
 
     /// Length of the residual squared, standard deviations squared.
+    #[inline]
     pub fn chi2(&self) -> f64 {
         self.chi2
     }
 
     /// What is left of a row's value, counts.
+    #[inline]
     pub fn residual_counts(&self, row: usize) -> f64 {
         self.residual_counts[row]
     }
 
     /// Standard deviation of the guess of a fault in a row, counts; `None` where none would show.
+    #[inline]
     pub fn fault_sigma_counts(&self, row: usize) -> Option<f64> {
         let q = self.q(row, row);
         (q > 0.0).then(|| q.sqrt().recip())
     }
 
     /// The guess of a fault in a row if it is the only one, counts; 0 where none would show.
+    #[inline]
     pub fn fault_counts(&self, row: usize) -> f64 {
         let q = self.q(row, row);
         if q > 0.0 { at(&self.dual, row) / q } else { 0.0 }
     }
 
     /// Part of the residual along the line of a row's signature, standard deviations.
+    #[inline]
     pub fn along(&self, row: usize) -> f64 {
         self.fault_sigma_counts(row).map_or(0.0, |sigma_counts| at(&self.dual, row) * sigma_counts)
     }
 
     /// Part of the residual beside that line, squared, standard deviations squared.
+    #[inline]
     pub fn beside2(&self, row: usize) -> f64 {
         (self.chi2 - self.along(row).powi(2)).max(0.0)
     }
@@ -132,12 +139,14 @@ impl Redundancy {
     }
 
     /// What one count more in a row adds to what is left of another.
+    #[inline]
     pub fn signature(&self, row: usize, of_fault_in: usize) -> f64 {
         let own = if row == of_fault_in { 1.0 } else { 0.0 };
         own - self.rows[row].iter().zip(&self.gains[of_fault_in]).map(|(a, k)| a * k).sum::<f64>()
     }
 
     /// What one count more in a row adds to the wrench: N, Nm about E's origin, in E.
+    #[inline]
     pub fn gain(&self, row: usize) -> &[f64; 6] {
         &self.gains[row]
     }
