@@ -1,4 +1,6 @@
-//! An in-process bus: bounded, never blocks its senders, counts what it had no room for
+//! An in-process bus for simulations and tests: bounded, never blocks its senders, counts what it had no room for
+//!
+//! Who reads may wait for a sender that was stopped in the midst of sending: not for real-time threads, whose frames come from sockets.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};

@@ -1,9 +1,12 @@
 //! Middleware that copies all that passes into a bounded queue for another thread, never holding up the stream
+//!
+//! The queue is wait-free at both ends: a reader that was stopped in the midst of a copy, for a thread of a higher priority, keeps nobody waiting.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
+
+use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::error::Result;
 use crate::source::{Batch, Event, Poll, Source};
@@ -12,20 +15,20 @@ use crate::source::{Batch, Event, Poll, Source};
 #[derive(Debug)]
 pub struct Tap<S> {
     inner: S,
-    copies: SyncSender<Event>,
+    copies: Producer<Event>,
     lost: Arc<AtomicU64>,
 }
 
 /// The other end of a [`Tap`]; it asks, it never waits, so that the tapped thread never has to wake it
 #[derive(Debug)]
 pub struct TapReader {
-    copies: Receiver<Event>,
+    copies: Consumer<Event>,
     lost: Arc<AtomicU64>,
 }
 
 /// Taps a source with a queue for this many events
 pub fn tap<S: Source>(inner: S, capacity: usize) -> (Tap<S>, TapReader) {
-    let (sender, receiver) = sync_channel(capacity.max(1));
+    let (sender, receiver) = RingBuffer::new(capacity.max(1));
     let lost = Arc::new(AtomicU64::new(0));
     (Tap { inner, copies: sender, lost: lost.clone() }, TapReader { copies: receiver, lost })
 }
@@ -41,7 +44,7 @@ impl<S: Source> Source for Tap<S> {
     fn poll(&mut self, batch: &mut Batch, timeout: Duration) -> Result<Poll> {
         let poll = self.inner.poll(batch, timeout)?;
         for event in batch.events() {
-            if let Err(TrySendError::Full(_)) = self.copies.try_send(*event) {
+            if self.copies.push(*event).is_err() {
                 self.lost.fetch_add(1, Ordering::Relaxed);
             }
         }
@@ -52,7 +55,7 @@ impl<S: Source> Source for Tap<S> {
 impl TapReader {
     /// The next copy, if there is one
     pub fn next_copy(&mut self) -> Option<Event> {
-        self.copies.try_recv().ok()
+        self.copies.pop().ok()
     }
 
     /// Events that the queue had no room for since the last call

@@ -83,8 +83,13 @@ impl Mechanics {
         self.trajectory.at(t_s, &mut self.state);
         let (state, body, push) = (&self.state, self.loads.at(t_s), self.push.at(t_s));
         let Some(joints) = &mut self.body else {
-            self.dynamics.update(&state.positions_rad, &state.velocities_rad_s, &state.accelerations_rad_s2);
+            let (q, v, a) = (&state.positions_rad, &state.velocities_rad_s, &state.accelerations_rad_s2);
+            self.dynamics.update_loads(q, v, a);
             self.tip = self.dynamics.payload_wrench(&body) + push;
+            // Where nothing acts on the tip it does not matter from where it is seen.
+            if self.tip != Wrench::zero() {
+                self.dynamics.carry_tip();
+            }
             return;
         };
         let yields = joints.springs.iter().any(|spring| spring.yield_rad(1.0) != 0.0);
@@ -113,7 +118,10 @@ impl Mechanics {
     /// What a gauge in a section makes of a wrench on the tip at the instant: counts/N and counts/Nm, about E's origin, in E.
     #[must_use]
     pub fn row_to_tip(&self, section: usize, compliance: &Compliance) -> Vector6<f64> {
-        self.dynamics.row_to_tip(section, &compliance.vector())
+        // Seldom asked, so that the simulation itself need not carry the tip where nothing acts on it.
+        let mut dynamics = self.dynamics.clone();
+        dynamics.carry_tip();
+        dynamics.row_to_tip(section, &compliance.vector())
     }
 
     /// What the environment applies to the end-effector at the instant (N, Nm about E's origin, in E): pushes, and weight

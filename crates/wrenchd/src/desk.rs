@@ -1,9 +1,9 @@
-//! Where orders to the cycle are given: queues that the cycle never waits for.
+//! Where orders to the cycle are given: queues that the cycle never waits for, not even for who was stopped in the midst of giving one.
 
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
 use rig::tare::TareRefusal;
+use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::command::{Command, Done, Order, Report};
 
@@ -13,19 +13,19 @@ const ROOM: usize = 4;
 /// The cycle's end of the queues.
 #[derive(Debug)]
 pub struct Inbox {
-    commands: Receiver<Command>,
-    reports: SyncSender<Report>,
+    commands: Consumer<Command>,
+    reports: Producer<Report>,
 }
 
 impl Inbox {
     /// The next command, if there is one.
-    pub fn take(&self) -> Option<Command> {
-        self.commands.try_recv().ok()
+    pub fn take(&mut self) -> Option<Command> {
+        self.commands.pop().ok()
     }
 
     /// Answers; nobody may listen any more.
-    pub fn answer(&self, report: Report) {
-        let _ = self.reports.try_send(report);
+    pub fn answer(&mut self, report: Report) {
+        let _ = self.reports.push(report);
     }
 }
 
@@ -37,8 +37,8 @@ pub struct Desk {
 
 #[derive(Debug)]
 struct Line {
-    commands: SyncSender<Command>,
-    reports: Receiver<Report>,
+    commands: Producer<Command>,
+    reports: Consumer<Report>,
     number: u64,
 }
 
@@ -67,8 +67,8 @@ const LOOK_PERIOD: Duration = Duration::from_millis(5);
 
 /// Both ends of a pair of queues.
 pub fn desk() -> (Desk, Inbox) {
-    let (commands, inbox) = sync_channel(ROOM);
-    let (answers, reports) = sync_channel(ROOM);
+    let (commands, inbox) = RingBuffer::new(ROOM);
+    let (answers, reports) = RingBuffer::new(ROOM);
     let line = tokio::sync::Mutex::new(Line { commands, reports, number: 0 });
     (Desk { line }, Inbox { commands: inbox, reports: answers })
 }
@@ -79,14 +79,14 @@ impl Desk {
         let mut line = tokio::time::timeout(PATIENCE, self.line.lock()).await.map_err(|_| NotDone::Busy)?;
         line.number += 1;
         let number = line.number;
-        line.commands.try_send(Command { number, order }).map_err(|error| match error {
-            TrySendError::Full(_) => NotDone::Busy,
-            TrySendError::Disconnected(_) => NotDone::Silent,
-        })?;
+        if line.commands.is_abandoned() {
+            return Err(NotDone::Silent);
+        }
+        line.commands.push(Command { number, order }).map_err(|_| NotDone::Busy)?;
         let begun = tokio::time::Instant::now();
         while begun.elapsed() < ANSWER_LIMIT {
             // What belongs to an order whose giver has gone is passed over.
-            while let Ok(report) = line.reports.try_recv() {
+            while let Ok(report) = line.reports.pop() {
                 if report.number == number {
                     return report.outcome.map_err(NotDone::Refused);
                 }

@@ -78,6 +78,8 @@ pub trait Outlet {
     fn now(&mut self) -> Now;
     /// Takes the record of what has left.
     fn keep(&mut self, record: &Published);
+    /// Goes through the work of sending, but for the sending: for the caches.
+    fn rehearse(&mut self, _dispatch: &Dispatch) {}
 }
 
 /// An outlet that is told the time, and hands on each record.
@@ -304,9 +306,9 @@ impl Engine {
     }
 
     /// Event mode: makes use of the time until the next frame, to be ready for it.
-    pub fn rehearse(&mut self) {
+    pub fn rehearse(&mut self, outlet: &mut impl Outlet) {
         if let Some(rehearsal) = &mut self.rehearsal {
-            rehearsal.rehearse();
+            rehearsal.rehearse(|estimate| outlet.rehearse(&dispatch(0, estimate)));
         }
     }
 

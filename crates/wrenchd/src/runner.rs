@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::sync_channel;
 use std::thread::JoinHandle;
 
 use can::source::{Poll, Source};
+use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use crate::desk::Inbox;
 use crate::engine::Engine;
@@ -35,23 +36,23 @@ pub struct Replacement {
 pub struct Runner {
     thread: JoinHandle<can::Result<()>>,
     stop: Arc<AtomicBool>,
-    offers: SyncSender<Box<Replacement>>,
-    retired: Receiver<Box<Replacement>>,
+    offers: Producer<Box<Replacement>>,
+    retired: Consumer<Box<Replacement>>,
 }
 
 impl Runner {
     /// Starts the thread, which obeys what comes into `inbox`, and returns once it has asked for its priority; with what it was refused, if anything.
-    pub fn start(station: Station<BoxedSource>, inbox: Inbox) -> std::io::Result<(Self, Option<String>)> {
+    pub fn start(station: Station<BoxedSource>, mut inbox: Inbox) -> std::io::Result<(Self, Option<String>)> {
         let stop = Arc::new(AtomicBool::new(false));
-        let (offers, offered) = sync_channel(1);
-        let (retire, retired) = sync_channel(1);
+        let (offers, mut offered) = RingBuffer::new(1);
+        let (mut retire, retired) = RingBuffer::new(1);
         let (tell, told) = sync_channel(1);
         let stopped = stop.clone();
         let builder = std::thread::Builder::new().name("cycle".into()).stack_size(STACK_BYTES);
         let thread = builder.spawn(move || {
             // The receiver waits for exactly this message.
             let _ = tell.send(realtime::first_in_first_out().err());
-            run(station, &stopped, &offered, &retire, &inbox)
+            run(station, &stopped, &mut offered, &mut retire, &mut inbox)
         })?;
         let refused = told.recv().unwrap_or(None);
         Ok((Self { thread, stop, offers, retired }, refused))
@@ -64,14 +65,14 @@ impl Runner {
 
     /// Hands a replacement to the cycle, which takes it before its next turn; false if one is still waiting, or the cycle
     /// has ended.
-    pub fn offer(&self, replacement: Box<Replacement>) -> bool {
+    pub fn offer(&mut self, replacement: Box<Replacement>) -> bool {
         self.free_retired();
-        self.offers.try_send(replacement).is_ok()
+        !self.offers.is_abandoned() && self.offers.push(replacement).is_ok()
     }
 
     /// Frees what the cycle has put down.
-    pub fn free_retired(&self) -> bool {
-        self.retired.try_recv().is_ok()
+    pub fn free_retired(&mut self) -> bool {
+        self.retired.pop().is_ok()
     }
 
     /// Stops the cycle after a last record, and waits for its end.
@@ -84,17 +85,18 @@ impl Runner {
     }
 }
 
-/// The loop itself.
+/// The loop itself. What other threads hand over comes through queues that are wait-free at both ends: nobody waits for a sender of
+/// lower priority that this thread has stopped in the midst of its push.
 fn run(
     mut station: Station<BoxedSource>,
     stop: &AtomicBool,
-    offered: &Receiver<Box<Replacement>>,
-    retire: &SyncSender<Box<Replacement>>,
-    inbox: &Inbox,
+    offered: &mut Consumer<Box<Replacement>>,
+    retire: &mut Producer<Box<Replacement>>,
+    inbox: &mut Inbox,
 ) -> can::Result<()> {
     let clock = CycleClock::default();
     while !stop.load(Ordering::Acquire) {
-        if let Ok(replacement) = offered.try_recv() {
+        if let Ok(replacement) = offered.pop() {
             exchange(&mut station, replacement, retire);
         }
         if let Some(command) = inbox.take() {
@@ -115,7 +117,7 @@ fn run(
 fn exchange(
     station: &mut Station<BoxedSource>,
     mut replacement: Box<Replacement>,
-    retire: &SyncSender<Box<Replacement>>,
+    retire: &mut Producer<Box<Replacement>>,
 ) {
     let Replacement { engine, rate_hz, outputs, source } = &mut *replacement;
     station.exchange(engine, *rate_hz, outputs);
@@ -124,7 +126,7 @@ fn exchange(
     }
     // There is room: the main thread empties this queue before each offer. If not, the old parts are leaked rather than
     // freed here.
-    if let Err(TrySendError::Full(old) | TrySendError::Disconnected(old)) = retire.try_send(replacement) {
+    if let Err(PushError::Full(old)) = retire.push(replacement) {
         std::mem::forget(old);
     }
 }

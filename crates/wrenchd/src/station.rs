@@ -89,6 +89,12 @@ impl<N: FnMut() -> Now> Outlet for Timed<'_, N> {
     fn keep(&mut self, record: &Published) {
         self.sinks.keep(record);
     }
+
+    fn rehearse(&mut self, dispatch: &Dispatch) {
+        for output in &mut self.sinks.outputs {
+            output.rehearse(dispatch);
+        }
+    }
 }
 
 impl Sinks {
@@ -187,7 +193,8 @@ impl<S: Source> Station<S> {
         let mut poll = self.take_in(self.wait, arrived)?;
         if let Some(left_ns) = self.left_ns() {
             self.wait = nanoseconds(left_ns);
-            self.engine.rehearse();
+            let Self { engine, sinks, .. } = self;
+            engine.rehearse(&mut Timed { sinks, now: || clock.now() });
             return Ok(poll);
         }
         // Silence is told only as of a time up to which everything was read that had come, however late this thread is.

@@ -165,7 +165,7 @@ impl Problem {
         let mut sum = 0.0;
         let begun = processor_s();
         for [q, v, a] in &rates {
-            dynamics.update(q, v, a);
+            dynamics.update_loads(q, v, a);
             for (number, gauge) in self.gauges.iter().enumerate() {
                 sum += gauge.compliance.dot(&dynamics.load(number)) + gauge.bias_counts;
             }

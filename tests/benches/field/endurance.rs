@@ -87,7 +87,10 @@ pub(crate) fn inside(scratch: &Path) -> Check {
             "the same, memory, and its growth in the last nine tenths\t{} MB, {grown_kb} kB",
             short(most_mb)
         ),
-        format!("the same, share of the processor\t{} %", short(100.0 * share)),
+        format!(
+            "the same, share of the processor, a hint (its kernel looks 100 times a second)\t{} %",
+            short(100.0 * share)
+        ),
     ];
     let path = scratch.join(MEASURED);
     fs::write(&path, said.join("\n")).at("write", &path)
@@ -118,7 +121,8 @@ fn resident_kb(daemon: &Program) -> Check<i64> {
     number.ok_or_else(|| Failure::new(format!("no VmRSS in {path}")))
 }
 
-/// Time of the processor that the daemon has had, its own and the kernel's for it, s.
+/// Time of the processor that the daemon has had, its own and the kernel's for it, s. User-mode Linux has no exact accounting: whoever runs when the
+/// tick comes is taken to have run all the time since the last one, and a cycle on timers keeps step with ticks.
 fn processor_s(daemon: &Program) -> Check<f64> {
     let path = format!("/proc/{}/stat", daemon.id());
     let text = fs::read_to_string(&path).at("read", Path::new(&path))?;

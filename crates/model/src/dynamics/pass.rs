@@ -33,6 +33,18 @@ impl Dynamics {
     ///
     /// The slices have one entry per coordinate; missing positions keep their last value, missing rates count as zero.
     pub fn update(&mut self, positions_rad: &[f64], velocities_rad_s: &[f64], accelerations_rad_s2: &[f64]) {
+        self.update_loads(positions_rad, velocities_rad_s, accelerations_rad_s2);
+        self.carry_tip();
+    }
+
+    /// The loads alone, in five sixths of the time. What is asked about the tip seen from a segment (all ways of a tip wrench) needs
+    /// [`Self::carry_tip`] before.
+    pub fn update_loads(
+        &mut self,
+        positions_rad: &[f64],
+        velocities_rad_s: &[f64],
+        accelerations_rad_s2: &[f64],
+    ) {
         self.sines(positions_rad);
         let mut inboard = Motion::at_rest(&self.gravity_mps2);
         for (segment, state) in self.segments.iter().zip(&mut self.states) {
@@ -54,7 +66,6 @@ impl Dynamics {
             force_n = state.rotation * state.force_n;
             moment_nm = state.rotation * state.moment_nm + segment.origin.translation_m.cross(&force_n);
         }
-        self.carry_tip();
     }
 
     fn sines(&mut self, positions_rad: &[f64]) {
@@ -63,8 +74,8 @@ impl Dynamics {
         }
     }
 
-    /// Brings the tip frame inwards from segment to segment.
-    fn carry_tip(&mut self) {
+    /// Tip transport at the positions of the last update: brings the tip frame inwards from segment to segment.
+    pub fn carry_tip(&mut self) {
         let mut tip = self.tip;
         for (segment, state) in self.segments.iter().zip(&mut self.states).rev() {
             state.tip = tip;

@@ -6,7 +6,7 @@ use wide::f64x4;
 use super::triangle::Row;
 
 /// The longest row, in fours.
-const MOST_FOURS: usize = 64;
+pub(super) const MOST_FOURS: usize = 64;
 
 /// For so many rows, as far as there can be room: rows, and the fours that a row takes.
 pub(super) fn room(rows: usize) -> (usize, usize) {

@@ -15,6 +15,9 @@
 //! (J. Sturza, Navigation system integrity monitoring using redundant measurements, Navigation 35(4), 1988.) With two spare rows the lines lie
 //! in a plane, with one they are all the same, with none nothing shows. A row whose line has no length cannot be checked by the others.
 
+use wide::f64x4;
+
+use super::covariance;
 use super::triangle::Row;
 
 /// A row of which less than this share of its variance is left in the residual cannot be checked: rounding alone would show.
@@ -26,41 +29,39 @@ pub struct Redundancy {
     rows: Vec<[f64; 6]>,
     residual_counts: Vec<f64>,
     /// `w`, 1/counts.
-    dual: Vec<f64>,
-    /// `Q`, row by row, 1/counts^2.
-    q: Vec<f64>,
+    dual: Vec<f64x4>,
+    /// `Q`, row by row, four columns at a time, 1/counts^2.
+    q: Vec<f64x4>,
     /// Columns of `K`: N/count, Nm/count.
     gains: Vec<[f64; 6]>,
     chi2: f64,
-    /// Inverse of the Cholesky factor and the orthonormal basis of the whitened columns.
-    inverse_factor: Vec<f64>,
-    basis: Vec<[f64; 6]>,
-    scratch: Vec<f64>,
+    /// `L^-1`, laid out as `Q`.
+    inverse_factor: Vec<f64x4>,
+    /// Fours of columns of a row.
+    fours: usize,
 }
 
 impl Redundancy {
     /// For up to so many rows.
     pub fn new(capacity: usize) -> Self {
-        let square = || vec![0.0; capacity * capacity];
+        let (capacity, fours) = covariance::room(capacity);
+        let matrix = |rows: usize| vec![f64x4::ZERO; rows * fours];
         Self {
             rows: Vec::with_capacity(capacity),
             residual_counts: Vec::with_capacity(capacity),
-            dual: Vec::with_capacity(capacity),
-            q: square(),
+            dual: matrix(1),
+            q: matrix(capacity),
             gains: Vec::with_capacity(capacity),
             chi2: 0.0,
-            inverse_factor: square(),
-            basis: Vec::with_capacity(capacity),
-            scratch: square(),
+            inverse_factor: matrix(capacity),
+            fours,
         }
     }
 
     pub(super) fn clear(&mut self) {
         self.rows.clear();
         self.residual_counts.clear();
-        self.dual.clear();
         self.gains.clear();
-        self.basis.clear();
         self.chi2 = 0.0;
     }
 
@@ -80,38 +81,45 @@ impl Redundancy {
     }
 
     /// Spare rows: dimensions in which faults show.
+    #[inline]
     pub fn spare(&self) -> usize {
         self.rows.len().saturating_sub(6)
     }
 
     /// Length of the residual squared, standard deviations squared.
+    #[inline]
     pub fn chi2(&self) -> f64 {
         self.chi2
     }
 
     /// What is left of a row's value, counts.
+    #[inline]
     pub fn residual_counts(&self, row: usize) -> f64 {
         self.residual_counts[row]
     }
 
     /// Standard deviation of the guess of a fault in a row, counts; `None` where none would show.
+    #[inline]
     pub fn fault_sigma_counts(&self, row: usize) -> Option<f64> {
         let q = self.q(row, row);
         (q > 0.0).then(|| q.sqrt().recip())
     }
 
     /// The guess of a fault in a row if it is the only one, counts; 0 where none would show.
+    #[inline]
     pub fn fault_counts(&self, row: usize) -> f64 {
         let q = self.q(row, row);
-        if q > 0.0 { self.dual[row] / q } else { 0.0 }
+        if q > 0.0 { at(&self.dual, row) / q } else { 0.0 }
     }
 
     /// Part of the residual along the line of a row's signature, standard deviations.
+    #[inline]
     pub fn along(&self, row: usize) -> f64 {
-        self.fault_sigma_counts(row).map_or(0.0, |sigma_counts| self.dual[row] * sigma_counts)
+        self.fault_sigma_counts(row).map_or(0.0, |sigma_counts| at(&self.dual, row) * sigma_counts)
     }
 
     /// Part of the residual beside that line, squared, standard deviations squared.
+    #[inline]
     pub fn beside2(&self, row: usize) -> f64 {
         (self.chi2 - self.along(row).powi(2)).max(0.0)
     }
@@ -131,18 +139,20 @@ impl Redundancy {
     }
 
     /// What one count more in a row adds to what is left of another.
+    #[inline]
     pub fn signature(&self, row: usize, of_fault_in: usize) -> f64 {
         let own = if row == of_fault_in { 1.0 } else { 0.0 };
         own - self.rows[row].iter().zip(&self.gains[of_fault_in]).map(|(a, k)| a * k).sum::<f64>()
     }
 
     /// What one count more in a row adds to the wrench: N, Nm about E's origin, in E.
+    #[inline]
     pub fn gain(&self, row: usize) -> &[f64; 6] {
         &self.gains[row]
     }
 
     fn q(&self, i: usize, k: usize) -> f64 {
-        self.q[i * self.rows.len() + k]
+        at(&self.q[i * self.fours..], k)
     }
 
     /// From the Cholesky factor `L` of V (row, column), `L^-1 A D` (D scales the columns) and the inverse of its triangle.
@@ -153,55 +163,103 @@ impl Redundancy {
         inverse: &[Row; 6],
         column_scale: &[f64; 6],
     ) -> bool {
-        let n = self.rows.len();
-        self.invert(&factor);
-        for row in whitened {
-            self.basis.push(std::array::from_fn(|c| (0..=c).map(|k| row.at(k) * inverse[k].at(c)).sum()));
+        match self.fours {
+            2 => self.find::<2>(factor, whitened, inverse, column_scale),
+            4 => self.find::<4>(factor, whitened, inverse, column_scale),
+            16 => self.find::<16>(factor, whitened, inverse, column_scale),
+            _ => self.find::<{ covariance::MOST_FOURS }>(factor, whitened, inverse, column_scale),
         }
-        for i in 0..n {
-            // U' L^-1 e_i, then K e_i = D R^-1 U' L^-1 e_i.
-            let lead: [f64; 6] = std::array::from_fn(|c| {
-                (i..n).map(|k| self.basis[k][c] * self.inverse_factor[k * n + i]).sum()
-            });
-            self.gains.push(std::array::from_fn(|c| {
-                column_scale[c] * (c..6).map(|k| inverse[c].at(k) * lead[k]).sum::<f64>()
-            }));
-            // (1 - U U') L^-1 e_i.
-            for k in 0..n {
-                let own = if k >= i { self.inverse_factor[k * n + i] } else { 0.0 };
-                let fitted: f64 = (0..6).map(|c| self.basis[k][c] * lead[c]).sum();
-                self.scratch[k * n + i] = own - fitted;
-            }
-        }
-        for i in 0..n {
-            for k in 0..n {
-                let sum = (i..n).map(|m| self.inverse_factor[m * n + i] * self.scratch[m * n + k]).sum();
-                self.q[i * n + k] = sum;
-            }
-            let variance: f64 = (0..=i).map(|m| factor(i, m).powi(2)).sum();
-            if n <= 6 || self.q(i, i) * variance < CHECKABLE_SHARE {
-                self.q[i * n + i] = 0.0;
-            }
-        }
-        for i in 0..n {
-            let dual: f64 = (0..n).map(|k| self.q(i, k) * self.residual_counts[k]).sum();
-            self.dual.push(dual);
-            self.chi2 += dual * self.residual_counts[i];
-        }
-        self.chi2 = self.chi2.max(0.0);
         self.chi2.is_finite()
     }
 
-    fn invert(&mut self, factor: impl Fn(usize, usize) -> f64) {
+    /// The same where a row is so many fours.
+    fn find<const FOURS: usize>(
+        &mut self,
+        factor: impl Fn(usize, usize) -> f64,
+        whitened: &[Row],
+        inverse: &[Row; 6],
+        column_scale: &[f64; 6],
+    ) {
         let n = self.rows.len();
-        for i in 0..n {
-            for k in 0..i {
-                let sum: f64 = (k..i).map(|m| factor(i, m) * self.inverse_factor[m * n + k]).sum();
-                self.inverse_factor[i * n + k] = -sum / factor(i, i);
+        let [inverse_factor, q] =
+            [&mut self.inverse_factor, &mut self.q].map(|m| &mut m.as_chunks_mut().0[..n]);
+        invert::<FOURS>(inverse_factor, &factor);
+        let lead = lead(whitened, inverse, inverse_factor);
+        // K e_i = D R^-1 U' L^-1 e_i.
+        let column = |k: usize| Row::new(&std::array::from_fn(|c| column_scale[c] * inverse[c].at(k)), 0.0);
+        let columns: [Row; 6] = std::array::from_fn(column);
+        self.gains.extend((0..n).map(|i| {
+            let mut gain = Row::default();
+            columns.iter().zip(&lead).for_each(|(column, lead)| gain.add(at(lead, i), column));
+            gain.factors()
+        }));
+        for (i, q) in q.iter_mut().enumerate() {
+            *q = q_row(i, inverse_factor, &lead);
+            let variance: f64 = (0..=i).map(|m| factor(i, m).powi(2)).sum();
+            let own = &mut q[i / 4].as_mut_array()[i % 4];
+            if n <= 6 || *own * variance < CHECKABLE_SHARE {
+                *own = 0.0;
             }
-            self.inverse_factor[i * n + i] = factor(i, i).recip();
         }
+        let mut dual = [f64x4::ZERO; FOURS];
+        self.residual_counts.iter().zip(&*q).for_each(|(residual, q)| add(&mut dual, *residual, q));
+        let length2 = |(i, residual): (usize, &f64)| residual * at(&dual, i);
+        self.chi2 = self.residual_counts.iter().enumerate().map(length2).sum::<f64>().max(0.0);
+        self.dual.copy_from_slice(&dual);
     }
+}
+
+/// `L^-1` by forward substitution.
+fn invert<const FOURS: usize>(rows: &mut [[f64x4; FOURS]], factor: impl Fn(usize, usize) -> f64) {
+    for i in 0..rows.len() {
+        let mut own = [f64x4::ZERO; FOURS];
+        rows[..i].iter().enumerate().for_each(|(m, row)| add(&mut own, -factor(i, m), row));
+        let reciprocal = factor(i, i).recip();
+        own.iter_mut().for_each(|four| *four *= f64x4::splat(reciprocal));
+        own[i / 4].as_mut_array()[i % 4] = reciprocal;
+        rows[i] = own;
+    }
+}
+
+/// `U' L^-1`.
+fn lead<const FOURS: usize>(
+    whitened: &[Row],
+    inverse: &[Row; 6],
+    inverse_factor: &[[f64x4; FOURS]],
+) -> [[f64x4; FOURS]; 6] {
+    let mut all = [[f64x4::ZERO; FOURS]; 6];
+    for (whitened, own) in whitened.iter().zip(inverse_factor) {
+        let mut basis = Row::default();
+        inverse.iter().enumerate().for_each(|(k, row)| basis.add(whitened.at(k), row));
+        all.iter_mut().enumerate().for_each(|(c, lead)| add(lead, basis.at(c), own));
+    }
+    all
+}
+
+/// Row `i` of `Q = L^-T (1 - U U') L^-1`.
+fn q_row<const FOURS: usize>(
+    i: usize,
+    inverse_factor: &[[f64x4; FOURS]],
+    lead: &[[f64x4; FOURS]; 6],
+) -> [f64x4; FOURS] {
+    let mut row = [f64x4::ZERO; FOURS];
+    // L^-1 is a lower triangle.
+    inverse_factor[i..].iter().for_each(|own| add(&mut row, at(own, i), own));
+    lead.iter().for_each(|lead| add(&mut row, -at(lead, i), lead));
+    row
+}
+
+/// One number of a row of fours.
+#[inline]
+fn at(row: &[f64x4], column: usize) -> f64 {
+    row[column / 4].as_array()[column % 4]
+}
+
+/// Adds a multiple of another row.
+#[inline]
+fn add<const FOURS: usize>(row: &mut [f64x4; FOURS], factor: f64, other: &[f64x4; FOURS]) {
+    let factor = f64x4::splat(factor);
+    row.iter_mut().zip(other).for_each(|(own, other)| *own += factor * *other);
 }
 
 #[cfg(test)]

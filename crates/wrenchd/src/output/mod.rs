@@ -29,6 +29,9 @@ pub trait Output: Send {
     /// Sends the next record.
     fn publish(&mut self, record: &Dispatch);
 
+    /// Goes through all but the sending, so that this is in the processor's caches when the next record comes.
+    fn rehearse(&mut self, _record: &Dispatch) {}
+
     /// What became of all records so far.
     fn counts(&self) -> OutputCounts;
 }
