@@ -8,6 +8,7 @@
 //! What it does not do: tell effects apart that the data does not; find anything outside its catalogue; judge a gap whose
 //! noise nobody states.
 
+mod agreement;
 mod apply;
 mod attribute;
 mod bootstrap;

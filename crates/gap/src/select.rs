@@ -32,7 +32,7 @@ const GROUPS: usize = 6;
 const DOUBT: f64 = 0.005;
 const DOUBT_OF_PLACE: f64 = 0.05;
 /// So far apart they may be if drawing blocks anew does not tell them apart.
-const UNCLEAR: f64 = 0.2;
+pub(crate) const UNCLEAR: f64 = 0.2;
 const UNCLEAR_AT_THE_END: f64 = 0.05;
 /// Effects from which the search begins, each by itself.
 const BEGINNINGS: usize = 3;
@@ -52,7 +52,7 @@ pub(crate) const LEAST_OF_WORTH: f64 = 0.5;
 
 /// What a step brings.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum News {
+pub(crate) enum News {
     /// An effect not found before.
     Effect,
     /// A further place of an effect already found.
@@ -110,66 +110,7 @@ impl Search<'_, '_, '_> {
         Choice { terms, residual }
     }
 
-    /// Whether these are the same effects at the same places.
-    fn are_same_sites(&self, some: &[TermId], others: &[TermId]) -> bool {
-        let sites = |terms: &[TermId]| terms.iter().map(|id| self.site(*id)).collect::<BTreeSet<_>>();
-        sites(some) == sites(others)
-    }
-
-    /// The same effects at the same places, in the shapes that this training set asks for: what was left out of it has no say in
-    /// them. Only what it cannot show keeps its own: an event, a limit that is not reached there.
-    pub(crate) fn reshaped(&mut self, terms: &[TermId]) -> Choice {
-        let choice = self.choice(terms.to_vec());
-        let choice = self.better_shapes(choice);
-        let choice = self.refined(choice, 0);
-        let pairs = terms.iter().zip(choice.terms);
-        let own = |(given, fitted): (&TermId, TermId)| {
-            let shows = self.library.shows(*given, &self.training.blocks);
-            if self.library.terms[*given].is_event() || !shows { *given } else { fitted }
-        };
-        let terms = pairs.map(own).collect();
-        self.choice(terms)
-    }
-
-    /// The choice with those of the given effects that it lacks, in shapes that suit this training set, if they improve it: as a further
-    /// place of an effect must, since other parts of the data found them by themselves.
-    pub(crate) fn with_missing(&mut self, choice: Choice, given: &[TermId]) -> Choice {
-        let own = self.effects(&choice.terms);
-        let missing: Vec<TermId> =
-            given.iter().copied().filter(|id| !own.contains(&self.library.terms[*id].effect)).collect();
-        if missing.is_empty() {
-            return choice;
-        }
-        let all: Vec<TermId> = choice.terms.iter().copied().chain(missing).collect();
-        let whole = self.reshaped(&all);
-        let reducible = (self.choice(Vec::new()).residual.iter().sum::<f64>() - self.training.floor).max(0.0);
-        let asks = self.is_plausible(&whole) && self.improves(&choice, &whole, News::Place, reducible);
-        if asks { whole } else { choice }
-    }
-
-    /// The choice with the effects that `main` names in the place of others that it does not, where both say that something is there and
-    /// this training set asks for what `main` names.
-    fn renamed(&mut self, own: &Choice, main: &[TermId]) -> Choice {
-        let (known, named) = (self.effects(&own.terms), self.effects(main));
-        let is_of =
-            |id: &TermId, effects: &BTreeSet<usize>| effects.contains(&self.library.terms[*id].effect);
-        let touches = |id: &TermId, others: &[TermId]| {
-            others.iter().any(|other| self.library.terms[*id].touches(&self.library.terms[*other]))
-        };
-        let others: Vec<TermId> = own.terms.iter().copied().filter(|id| !is_of(id, &named)).collect();
-        let missing: Vec<TermId> =
-            main.iter().copied().filter(|id| !is_of(id, &known) && touches(id, &others)).collect();
-        let stays = |id: &TermId| is_of(id, &named) || !touches(id, &missing);
-        let kept = own.terms.iter().copied().filter(stays).collect();
-        if missing.is_empty() {
-            return own.clone();
-        }
-        let base = self.choice(kept);
-        let renamed = self.with_missing(base.clone(), &missing);
-        if renamed.terms.len() > base.terms.len() { renamed } else { own.clone() }
-    }
-
-    fn effects(&self, terms: &[TermId]) -> BTreeSet<usize> {
+    pub(crate) fn effects(&self, terms: &[TermId]) -> BTreeSet<usize> {
         terms.iter().map(|id| self.library.terms[*id].effect).collect()
     }
 
@@ -189,7 +130,7 @@ impl Search<'_, '_, '_> {
         open.iter().filter_map(|shapes| best_shape(&screen, self.library, shapes, worth)).collect()
     }
 
-    fn site(&self, id: TermId) -> (usize, Place) {
+    pub(crate) fn site(&self, id: TermId) -> (usize, Place) {
         (self.library.terms[id].effect, self.library.terms[id].place)
     }
 
@@ -248,27 +189,17 @@ impl Search<'_, '_, '_> {
     }
 
     /// Whether a choice that gains so much may do as well as the best: what it is behind is little, or drawing blocks anew does not show it.
-    fn is_as_good(&self, other: &Choice, gains: f64, best: &Choice, most: f64, unclear: f64) -> bool {
+    pub(crate) fn is_as_good(
+        &self,
+        other: &Choice,
+        gains: f64,
+        best: &Choice,
+        most: f64,
+        unclear: f64,
+    ) -> bool {
         let behind: Vec<f64> = other.residual.iter().zip(&best.residual).map(|(a, b)| a - b).collect();
         most - gains <= self.equally_good(most)
             || (most - gains <= unclear * most && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
-    }
-
-    /// The choice in the words of `main`, the choice on all data, where this training set may as well be told by these: where effects look
-    /// alike, chance must not name another one in every part of the data. One that chose nothing by itself must ask for them.
-    pub(crate) fn told_by(&mut self, own: &Choice, main: &[TermId]) -> Choice {
-        if self.are_same_sites(&own.terms, main) {
-            return own.clone();
-        }
-        if own.terms.is_empty() {
-            return self.with_missing(own.clone(), main);
-        }
-        let (nothing, same) = (self.choice(Vec::new()), self.reshaped(main));
-        let [gains, most] = [&same, own].map(|choice| sum_of_difference(&nothing, choice));
-        if gains >= most || self.is_as_good(&same, gains, own, most, UNCLEAR) {
-            return same;
-        }
-        self.renamed(own, main)
     }
 
     /// By how much one that explains so much may be behind for nothing: a share, but where noise is known never more than is worth a
@@ -279,7 +210,7 @@ impl Search<'_, '_, '_> {
     }
 
     /// Whether the parameters that all training blocks ask for are plausible.
-    fn is_plausible(&self, choice: &Choice) -> bool {
+    pub(crate) fn is_plausible(&self, choice: &Choice) -> bool {
         let design = Design::new(self.library, &choice.terms);
         design.is_plausible(&design.solve(&self.training.blocks))
     }
@@ -404,7 +335,7 @@ impl Search<'_, '_, '_> {
     }
 
     /// Whether `next` is better than `now` on what was left out: by a practical minimum, beyond doubt and in most folds.
-    fn improves(&self, now: &Choice, next: &Choice, news: News, reducible: f64) -> bool {
+    pub(crate) fn improves(&self, now: &Choice, next: &Choice, news: News, reducible: f64) -> bool {
         let mut gains: Vec<f64> = now.residual.iter().zip(&next.residual).map(|(a, b)| a - b).collect();
         let mut terms = now.terms.iter().chain(&next.terms);
         if terms.any(|id| self.library.terms[*id].is_event()) {
