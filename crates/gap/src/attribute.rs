@@ -10,7 +10,7 @@ use crate::effects::{CATALOGUE, Fitted, Place, Role};
 use crate::fit::{Design, Fold};
 use crate::library::{Library, TermId};
 use crate::refine::shape_sigma;
-use crate::select::{LEAST_OF_WORTH, REMAINDER, Search, WORTH};
+use crate::select::{LEAST_OF_WORTH, Search, WORTH};
 
 /// An outer fold with what was chosen on its training blocks.
 #[derive(Clone)]
@@ -70,30 +70,6 @@ impl Subsets {
             LEAST_OF_WORTH * WORTH * library.counts.iter().sum::<f64>() / session.channels.len().max(1) as f64
         };
         (value <= least).then_some(bit)
-    }
-
-    /// The effect that adds least to others on the same channels, if that is no more than what is usually left of an effect whose form
-    /// is not quite the catalogue's; only where noise is known.
-    pub(crate) fn remainder(&self, library: &Library<'_>, terms: &[TermId]) -> Option<usize> {
-        if library.session.hold_out.is_even.is_empty() {
-            return None;
-        }
-        let channels = |bit: usize| -> BTreeSet<usize> {
-            let own =
-                terms.iter().map(|id| &library.terms[*id]).filter(|term| term.effect == self.effects[bit]);
-            own.flat_map(|term| term.channels.iter().copied()).collect()
-        };
-        let bits = 0..self.effects.len();
-        let all = self.residuals.len() - 1;
-        let sum = |mask: usize| self.residuals[mask].iter().sum::<f64>();
-        let remainders = bits.clone().filter_map(|bit| {
-            let own = channels(bit);
-            let others = bits.clone().filter(|other| *other != bit && !channels(*other).is_disjoint(&own));
-            let shared: f64 = others.map(|other| self.shapley(other).iter().sum::<f64>()).sum();
-            let adds = sum(all & !(1 << bit)) - sum(all);
-            (shared > 0.0 && adds < REMAINDER * shared).then_some((adds, bit))
-        });
-        remainders.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, bit)| bit)
     }
 
     /// Per block the Shapley value of an effect's part in the fall of the squared residual (L. Shapley, A value for n-person

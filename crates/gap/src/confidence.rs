@@ -3,7 +3,6 @@
 use std::collections::BTreeSet;
 
 use crate::diagnosis::{Evidence, SensorGap};
-use crate::generic::REFUTES;
 
 impl Evidence {
     /// Takes in what is left on the finding's channels.
@@ -22,7 +21,7 @@ impl Evidence {
             self.wins,
             self.marginal.clamp(LEAST_MARGINAL, 1.0).ln(),
             (1.0 - self.explained).clamp(LEAST_LEFT, 1.0).ln(),
-            (self.generic / REFUTES).min(1.0),
+            self.generic.min(1.0),
         ];
         let log_odds: f64 = evidence.iter().zip(WEIGHTS).map(|(value, weight)| value * weight).sum();
         1.0 / (1.0 + (-log_odds).exp())
@@ -51,7 +50,7 @@ mod tests {
             Evidence { wins: 0.2, ..strong() },
             Evidence { marginal: 0.05, ..strong() },
             Evidence { explained: 0.4, ..strong() },
-            Evidence { generic: 0.1, ..strong() },
+            Evidence { generic: 0.7, ..strong() },
         ];
         assert!(strong().confidence() > 0.95);
         for weaker in against {

@@ -8,7 +8,7 @@ use crate::effects::{CATALOGUE, Place, by_id};
 use crate::establish::{Ground, Kept, add_events};
 use crate::folds;
 use crate::generic::Generic;
-use crate::library::{Library, TermId};
+use crate::library::{Library, Term, TermId};
 use crate::location;
 use crate::loops;
 use crate::measure::Measure;
@@ -100,7 +100,11 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
         finding.evidence.see(&located.location.sensors, &channels);
         if let Some(generic) = &generic {
             let channels: Vec<usize> = channels.into_iter().collect();
-            finding.evidence.generic = generic.lead(session, &channels, &located.left, &bootstrap).share;
+            let own =
+                main.terms.iter().map(|id| &search.library.terms[*id]).filter(|term| term.effect == effect);
+            let is_event = own.clone().any(Term::is_event);
+            finding.evidence.generic =
+                generic.lead(session, &channels, &located.left, &bootstrap, is_event).weight();
         }
         finding.confidence = finding.evidence.confidence();
         finding.indistinguishable_from =

@@ -112,7 +112,7 @@ pub struct Evidence {
     pub lead_sigmas: f64,
     /// What leaving it out would cost, over what all findings explain.
     pub marginal: f64,
-    /// Share of the gap by which a model that knows no physics is better on its channels; 0 where it is not.
+    /// By how much a model that knows no physics is better on its channels, over what would refute the finding; 0 where it is not.
     pub generic: f64,
     /// Share of the reducible gap of its channels that all findings explain.
     pub explained: f64,

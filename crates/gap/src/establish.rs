@@ -7,9 +7,10 @@ use crate::attribute::{self, Chosen, Subsets};
 use crate::bootstrap::Bootstrap;
 use crate::candidates::{Candidates, Choice, Training};
 use crate::effects::{CATALOGUE, Role};
-use crate::generic::{Generic, REFUTES};
+use crate::generic::Generic;
 use crate::library::{Library, TermId};
 use crate::location;
+use crate::remainder::{is_remainder, without};
 use crate::select::Search;
 
 /// What effects are chosen from and judged on.
@@ -86,7 +87,7 @@ impl Kept {
         subsets: &Subsets,
         ground: &Ground<'_>,
     ) -> bool {
-        let (bit, why) = if let Some(bit) = subsets.remainder(library, &self.terms) {
+        let (bit, why) = if let Some(bit) = self.remainder(library, chosen) {
             (
                 bit,
                 "would take up a little of what a larger effect leaves on the same gauges: a form that is not quite the catalogue's",
@@ -102,6 +103,18 @@ impl Kept {
         let id = CATALOGUE[self.effects.remove(bit)].id();
         self.notes.push(format!("{id} {why}"));
         true
+    }
+
+    /// An effect that would take up what others leave of themselves; only where noise is known.
+    fn remainder(&self, library: &Library<'_>, chosen: &[Chosen]) -> Option<usize> {
+        if library.session.hold_out.is_even.is_empty() || self.effects.len() < 2 {
+            return None;
+        }
+        let adds_little = |effect: &usize| {
+            let others = without(chosen, |id| library.terms[id].effect == *effect);
+            is_remainder(library, &others, chosen, *effect)
+        };
+        self.effects.iter().position(adds_little)
     }
 
     /// An event that may as well be noise.
@@ -134,8 +147,8 @@ impl Kept {
         let mut outdone = Vec::new();
         for id in &self.terms {
             let term = &library.terms[*id];
-            let lead = generic.lead(session, &term.channels, &after, bootstrap);
-            if lead.share <= REFUTES {
+            let lead = generic.lead(session, &term.channels, &after, bootstrap, term.is_event());
+            if lead.weight() <= 1.0 {
                 continue;
             }
             outdone.push(site(id));

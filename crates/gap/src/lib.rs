@@ -35,6 +35,7 @@ mod orders;
 mod parallel;
 mod refine;
 mod refit;
+mod remainder;
 pub mod runs;
 mod screen;
 mod select;

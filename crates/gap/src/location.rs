@@ -130,6 +130,12 @@ pub(crate) fn residuals(library: &Library<'_>, chosen: &[Chosen]) -> Residuals {
     out
 }
 
+/// Squared residual on left-out rows by channel.
+pub(crate) fn by_channel(library: &Library<'_>, chosen: &[Chosen]) -> Vec<f64> {
+    let squares = |left: Vec<Option<f64>>| left.into_iter().flatten().map(|value| value * value).sum();
+    residuals(library, chosen).into_iter().map(squares).collect()
+}
+
 fn rms(values: &[Option<f64>]) -> f64 {
     let (sum, count) = values.iter().flatten().fold((0.0, 0.0), |(s, n), v| (s + v * v, n + 1.0));
     (sum / f64::max(count, 1.0)).sqrt()

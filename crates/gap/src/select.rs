@@ -7,13 +7,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::attribute::Chosen;
 use crate::bootstrap::Bootstrap;
 use crate::candidates::{Candidates, Choice, Training, sum_of_difference, without};
 use crate::doubt::exceeds;
 use crate::effects::Place;
-use crate::fit::Design;
+use crate::fit::{Design, Fold};
 use crate::library::{Library, Term, TermId};
 use crate::refine::refine;
+use crate::remainder::is_remainder;
 use crate::screen::Screen;
 use crate::shapes::{EQUALLY_GOOD, Found, best_shape};
 
@@ -43,11 +45,7 @@ const LEAST_OF_FOLD: f64 = 0.02;
 /// Mean square over its noise by which a channel must improve, at most.
 pub(crate) const WORTH: f64 = 0.05;
 
-/// Share of an effect's part that may be left of it since real forms differ from the catalogue's (a power law from an exponential,
-/// a loop with round corners from a play).
-pub(crate) const REMAINDER: f64 = 0.08;
-
-/// Part of that which makes a finding if it is beyond doubt: what is left of a small effect on other motions is less than all of it.
+/// Part of [`WORTH`] which makes a finding if it is beyond doubt: what is left of a small effect on other motions is less than all of it.
 pub(crate) const LEAST_OF_WORTH: f64 = 0.5;
 
 /// What a step brings.
@@ -416,21 +414,26 @@ impl Search<'_, '_, '_> {
             let shares = |other: &TermId| {
                 own.iter().any(|id| self.library.terms[*id].touches(&self.library.terms[*other]))
             };
-            let beside: Vec<TermId> = rest.iter().copied().filter(shares).collect();
-            if beside.is_empty() {
+            if !rest.iter().any(shares) {
                 continue;
             }
-            let others = rest.iter().copied().filter(|id| !beside.contains(id)).collect();
-            let base = self.choice(others);
             let smaller = self.choice(rest);
             let smaller = self.better_shapes(smaller);
             let smaller = self.refined(smaller, 0);
-            let all = sum_of_difference(&base, &choice);
-            if sum_of_difference(&smaller, &choice) < REMAINDER * all && self.is_plausible(&smaller) {
+            if self.adds_a_remainder(&smaller, &choice, effect) && self.is_plausible(&smaller) {
                 choice = smaller;
             }
         }
         choice
+    }
+
+    /// Whether what `choice` has and `smaller` has not is no more than a remainder on its own channels.
+    fn adds_a_remainder(&self, smaller: &Choice, choice: &Choice, effect: usize) -> bool {
+        let parts = |terms: &[TermId]| -> Vec<Chosen> {
+            let part = |fold: &Fold| Chosen { fold: fold.clone(), terms: terms.to_vec() };
+            self.training.folds.iter().map(part).collect()
+        };
+        is_remainder(self.library, &parts(&smaller.terms), &parts(&choice.terms), effect)
     }
 
     fn same_effect(&self, a: TermId, b: TermId) -> bool {

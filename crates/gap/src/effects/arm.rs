@@ -357,9 +357,12 @@ pub(super) fn turn_columns(
     vec![column]
 }
 
+/// An encoder's zero that is off by as much as a coupling's clamp may slip.
+pub(super) const ZERO_RAD: f64 = 0.05;
+
 /// What a joint that stands further adds, per rad; and what that loses by bending, which makes the turn exact at rest however large it is.
 pub(super) fn bent_columns(session: &Session, joint: usize) -> Vec<Column> {
-    let mut out = turn_columns(session, joint, |_| 1.0, ("rad", "rad", 0.02));
+    let mut out = turn_columns(session, joint, |_| 1.0, ("rad", "rad", ZERO_RAD));
     let Some((arm, all)) = columns(session) else { return out };
     let coordinate = arm.joints.iter().position(|known| *known == joint);
     if let Some(values) = coordinate.and_then(|coordinate| all.bend.get(coordinate)) {

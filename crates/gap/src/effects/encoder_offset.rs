@@ -33,7 +33,7 @@ impl Effect for EncoderOffset {
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Joint(joint) = place else { return Vec::new() };
         if shape.is_empty() {
-            return arm::turn_columns(session, joint, |_| 1.0, ("rad", "rad", 0.02));
+            return arm::turn_columns(session, joint, |_| 1.0, ("rad", "rad", arm::ZERO_RAD));
         }
         arm::bent_columns(session, joint)
     }

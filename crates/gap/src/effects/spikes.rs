@@ -14,7 +14,7 @@ const REACH: usize = 3;
 /// A spike departs from the median of its neighbourhood by so many times what readings usually do.
 const FAR: [f64; 3] = [6.5, 9.0, 13.0];
 /// Fewer than so many in all recordings are no fault of the sensor.
-const FEWEST: usize = 5;
+const FEWEST: usize = 10;
 /// Median magnitude of a Gaussian number over its standard deviation.
 const MEDIAN_MAGNITUDE: f64 = 0.674_489_75;
 

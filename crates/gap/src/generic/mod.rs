@@ -10,8 +10,10 @@ use crate::location::Residuals;
 use crate::select::WORTH;
 use crate::session::Session;
 
-/// Share of what the generic model foretells that may be missing from what was found; with more, that is refuted.
-pub(crate) const REFUTES: f64 = 0.15;
+/// Share of what a wandering zero foretells that may be missing from what was found; with more, that is refuted.
+const REFUTES: f64 = 0.15;
+/// The same of a smooth function: where one cause of several is not found, it foretells that one as well.
+const REFUTES_IN_POSE: f64 = 0.35;
 /// Share of draws in which that may fail to show.
 const DOUBT: f64 = 0.05;
 /// Share of it that must differ between two of the same motion: a form that is not quite the catalogue's comes again with the motion.
@@ -22,6 +24,8 @@ struct Model {
     left: Residuals,
     /// Whether it is refuted itself by what comes again with the motion.
     wanders: bool,
+    /// Share of what it foretells that may be missing from what was found; with more, that is refuted.
+    refutes: f64,
     words: &'static str,
 }
 
@@ -33,7 +37,15 @@ pub(crate) struct Generic {
 /// What a model foretells that was not found: the share of all that it foretells, and what it is.
 pub(crate) struct Lead {
     pub(crate) share: f64,
+    refutes: f64,
     pub(crate) words: &'static str,
+}
+
+impl Lead {
+    /// What speaks against the finding, over what refutes it.
+    pub(crate) fn weight(&self) -> f64 {
+        self.share / self.refutes
+    }
 }
 
 /// What a model foretells better than what was found, in squares on odd seconds.
@@ -72,11 +84,13 @@ impl Generic {
             Model {
                 left: wandering,
                 wanders: true,
+                refutes: REFUTES,
                 words: "a zero and a scale that wander foretell {} % more of the gap there; something that changes with time in its own way",
             },
             Model {
                 left: smooth,
                 wanders: false,
+                refutes: REFUTES_IN_POSE,
                 words: "a smooth function of loads and joint angles foretells {} % more of the gap there; something that goes with load and pose in its own way",
             },
         ];
@@ -85,25 +99,34 @@ impl Generic {
 
     /// The model that foretells most of these channels' gap on left-out odd seconds that was not found, `after` being what was left per row;
     /// a share of 0 where that is not beyond doubt, comes again with the motion though it should not, or is so little that the
-    /// calibration's own errors may do it.
+    /// calibration's own errors may do it. Of an event nothing comes again.
     pub(crate) fn lead(
         &self,
         session: &Session,
         channels: &[usize],
         after: &Residuals,
         bootstrap: &Bootstrap,
+        is_event: bool,
     ) -> Lead {
         let of = |model: &Model| Lead {
-            share: model.lead(session, channels, after, bootstrap),
+            share: model.lead(session, channels, after, bootstrap, is_event),
+            refutes: model.refutes,
             words: model.words,
         };
-        let leads = self.models.iter().map(of).max_by(|a, b| a.share.total_cmp(&b.share));
-        leads.unwrap_or(Lead { share: 0.0, words: "" })
+        let leads = self.models.iter().map(of).max_by(|a, b| a.weight().total_cmp(&b.weight()));
+        leads.unwrap_or(Lead { share: 0.0, refutes: REFUTES, words: "" })
     }
 }
 
 impl Model {
-    fn lead(&self, session: &Session, channels: &[usize], after: &Residuals, bootstrap: &Bootstrap) -> f64 {
+    fn lead(
+        &self,
+        session: &Session,
+        channels: &[usize],
+        after: &Residuals,
+        bootstrap: &Bootstrap,
+        is_event: bool,
+    ) -> f64 {
         let mut by_block = vec![0.0; session.blocks()];
         let mut ahead = Ahead::default();
         for &channel in channels {
@@ -113,7 +136,7 @@ impl Model {
         let odd = hold_out.block_of_row.iter().filter(|block| !hold_out.is_even(**block)).count();
         let least = WORTH * (odd * channels.len()) as f64;
         let is_sure = ahead.all > least && bootstrap.quantile_of_sum(&by_block, DOUBT) > 0.0;
-        if is_sure { ahead.share(self.wanders) } else { 0.0 }
+        if is_sure { ahead.share(self.wanders && !is_event) } else { 0.0 }
     }
 
     fn add(
