@@ -4,11 +4,13 @@
 use std::collections::BTreeSet;
 
 use crate::attribute::Chosen;
+use crate::effects::CATALOGUE;
 use crate::library::{Library, TermId};
 use crate::location;
 
-/// Share of an effect's part that may be left of it.
+/// Share of an effect's part that may be left of it, where its form is one of several, and where it is the physics itself.
 const REMAINDER: f64 = 0.08;
+const REMAINDER_OF_EXACT: f64 = 0.01;
 
 /// Whether an effect of `chosen` adds no more to `others`, the choice without it, on its own channels than these usually leave there of
 /// themselves. On other channels the others may explain as much as they like.
@@ -25,9 +27,11 @@ pub(crate) fn is_remainder(
         let left = location::by_channel(library, parts);
         channels.iter().map(|channel| left[*channel]).sum::<f64>()
     };
-    let (nothing, others, all) = (left(&without(others, |_| true)), left(others), left(chosen));
-    let shared = nothing - others;
-    shared > 0.0 && others - all < REMAINDER * shared
+    let is_inexact = |id: TermId| !CATALOGUE[library.terms[id].effect].is_exact();
+    let (nothing, exact) = (left(&without(others, |_| true)), left(&without(others, is_inexact)));
+    let (others, all) = (left(others), left(chosen));
+    let usual = REMAINDER_OF_EXACT * (nothing - exact) + REMAINDER * (exact - others);
+    nothing > others && others - all < usual
 }
 
 /// The parts without these terms.

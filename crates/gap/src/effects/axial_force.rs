@@ -34,6 +34,10 @@ impl Effect for AxialForce {
         every_channel(session)
     }
 
+    fn is_exact(&self) -> bool {
+        true
+    }
+
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let Some(gauge) = &session.channels[channel].gauge else { return Vec::new() };

@@ -57,6 +57,10 @@ impl Effect for SensingAxis {
         }
     }
 
+    fn is_exact(&self) -> bool {
+        true
+    }
+
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let Some(gauge) = &session.channels[channel].gauge else { return of_loads(session, channel) };

@@ -26,6 +26,10 @@ impl Effect for BaseTilt {
         arm::arm(session).map(|_| Place::Base).into_iter().collect()
     }
 
+    fn is_exact(&self) -> bool {
+        true
+    }
+
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let _ = place;
         arm::tilt_columns(session)

@@ -36,6 +36,10 @@ impl Effect for ChannelCoupling {
         single.chain([vec![ALL]]).collect()
     }
 
+    fn is_exact(&self) -> bool {
+        true
+    }
+
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];

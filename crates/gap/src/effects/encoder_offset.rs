@@ -30,6 +30,10 @@ impl Effect for EncoderOffset {
         if arm::bends(session) { vec![TANGENT, vec![ARC]] } else { vec![TANGENT] }
     }
 
+    fn is_exact(&self) -> bool {
+        true
+    }
+
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Joint(joint) = place else { return Vec::new() };
         if shape.is_empty() {

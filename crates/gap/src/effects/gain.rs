@@ -26,6 +26,10 @@ impl Effect for Gain {
         moving_channels(session)
     }
 
+    fn is_exact(&self) -> bool {
+        true
+    }
+
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];

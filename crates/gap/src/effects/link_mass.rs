@@ -36,6 +36,10 @@ impl Effect for LinkMass {
         vec![Shape::new(), vec![AS_A_WHOLE]]
     }
 
+    fn is_exact(&self) -> bool {
+        true
+    }
+
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Link(link) = place else { return Vec::new() };
         let mut columns = arm::body_columns(session, link, arm::Naming::Link);

@@ -247,6 +247,11 @@ pub trait Effect: Sync {
         false
     }
 
+    /// Whether its form is the physics itself, so that nothing is left of it where its parameters are right.
+    fn is_exact(&self) -> bool {
+        false
+    }
+
     /// What it adds to the simulation; nothing if that place and shape do not show in this data.
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column>;
 

@@ -36,6 +36,10 @@ impl Effect for Payload {
         }
     }
 
+    fn is_exact(&self) -> bool {
+        true
+    }
+
     fn columns(&self, session: &Session, _place: Place, shape: &[f64]) -> Vec<Column> {
         if shape[0] == DECLARED {
             let mut columns = arm::declared_columns(session);

@@ -32,6 +32,10 @@ impl Effect for ZeroOffset {
         every_channel(session)
     }
 
+    fn is_exact(&self) -> bool {
+        true
+    }
+
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         zeros(session, channel)
