@@ -10,10 +10,13 @@ use crate::location::Residuals;
 use crate::select::WORTH;
 use crate::session::Session;
 
-/// Share of what a wandering zero foretells that may be missing from what was found; with more, that is refuted.
-const REFUTES: f64 = 0.15;
-/// The same of a smooth function: where one cause of several is not found, it foretells that one as well.
-const REFUTES_IN_POSE: f64 = 0.35;
+/// Share of what a wandering zero foretells that may be missing from what was found: of an effect on one or two gauges, and of one on
+/// more. With more missing it is refuted.
+const REFUTES: [f64; 2] = [0.08, 0.15];
+/// The same of a smooth function. On many gauges it may foretell another cause, not found, of one of them.
+const REFUTES_IN_POSE: [f64; 2] = [0.12, 0.35];
+/// So many gauges are few.
+const FEW: usize = 2;
 /// Share of draws in which that may fail to show.
 const DOUBT: f64 = 0.05;
 /// Share of it that must differ between two of the same motion: a form that is not quite the catalogue's comes again with the motion.
@@ -25,7 +28,7 @@ struct Model {
     /// Whether it is refuted itself by what comes again with the motion.
     wanders: bool,
     /// Share of what it foretells that may be missing from what was found; with more, that is refuted.
-    refutes: f64,
+    refutes: [f64; 2],
     words: &'static str,
 }
 
@@ -110,11 +113,11 @@ impl Generic {
     ) -> Lead {
         let of = |model: &Model| Lead {
             share: model.lead(session, channels, after, bootstrap, is_event),
-            refutes: model.refutes,
+            refutes: model.refutes[usize::from(channels.len() > FEW)],
             words: model.words,
         };
         let leads = self.models.iter().map(of).max_by(|a, b| a.weight().total_cmp(&b.weight()));
-        leads.unwrap_or(Lead { share: 0.0, refutes: REFUTES, words: "" })
+        leads.unwrap_or(Lead { share: 0.0, refutes: REFUTES[0], words: "" })
     }
 }
 
