@@ -12,8 +12,8 @@ use crate::effects::{CATALOGUE, Column, Place, Role, Shape};
 use crate::parallel;
 use crate::session::Session;
 
-/// So many times its plausible range no parameter is.
-const IMPLAUSIBLE: f64 = 4.0;
+/// So many times its plausible range no parameter is: what is ten times as large as practice knows is another cause.
+const IMPLAUSIBLE: f64 = 10.0;
 /// In place of an effect's index: a direction in which the simulation is uncertain.
 const DOUBT: usize = usize::MAX;
 /// Columns that are kept rather than computed again, bytes.

@@ -8,7 +8,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 use wrenchd_tests::candump;
 use wrenchd_tests::guest::Guest;
-use wrenchd_tests::process::{self, Program};
+use wrenchd_tests::process::{self, Finished, Program};
 use wrenchd_tests::programs::programs;
 use wrenchd_tests::suite::{Need, Scenario};
 use wrenchd_tests::{Check, Failure, ensure, python};
@@ -82,16 +82,21 @@ fn record(line: &str) -> Check<(String, [f64; 6])> {
 
 /// Asks `wrenchctl` to do something with the arm's daemon; it must end with this status. What it said.
 fn order(arm: &Arm, words: &[&str], code: i32) -> Check<String> {
-    let mut command = Command::new(&programs()?.wrenchctl);
-    command.args(words).arg("--config").arg(&arm.config);
-    Ok(Program::start(&mut command)?.finish(STEP)?.expect_code(code)?.text())
+    Ok(asked(arm, words)?.expect_code(code)?.text())
 }
 
-/// Waits until the daemon's status shows a force like this, N.
+fn asked(arm: &Arm, words: &[&str]) -> Check<Finished> {
+    let mut command = Command::new(&programs()?.wrenchctl);
+    command.args(words).arg("--config").arg(&arm.config);
+    Program::start(&mut command)?.finish(STEP)
+}
+
+/// Waits until the daemon's status shows a force like this, N. Where the machine keeps frames back an instant may be invalid.
 fn wait_for_force(arm: &Arm, wanted_n: std::ops::Range<f64>) -> Check {
     let deadline = Instant::now() + STEP;
     loop {
-        let status: serde_json::Value = serde_json::from_str(&order(arm, &["status", "--json", "-"], 0)?)?;
+        let said = asked(arm, &["status", "--json", "-"])?;
+        let status: serde_json::Value = serde_json::from_str(&said.stdout())?;
         let wrench = status.pointer("/live/wrench").and_then(serde_json::Value::as_array).cloned();
         let force: Vec<f64> =
             wrench.unwrap_or_default().iter().take(3).filter_map(serde_json::Value::as_f64).collect();
