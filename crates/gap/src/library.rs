@@ -12,8 +12,10 @@ use crate::effects::{CATALOGUE, Column, Place, Role, Shape};
 use crate::parallel;
 use crate::session::Session;
 
-/// So many times its plausible range no parameter is: what is ten times as large as practice knows is another cause.
+/// So many times its plausible range no parameter is: what is ten times as large as practice knows is another cause. Where noise is not
+/// known what is left are errors of all forms together, which an absurd parameter would take up.
 const IMPLAUSIBLE: f64 = 10.0;
+const IMPLAUSIBLE_BESIDE_ERRORS: f64 = 4.0;
 /// In place of an effect's index: a direction in which the simulation is uncertain.
 const DOUBT: usize = usize::MAX;
 /// Columns that are kept rather than computed again, bytes.
@@ -261,13 +263,15 @@ impl Made {
         let mut channels: Vec<usize> = columns.iter().flat_map(|c| c.parts.iter().map(|(k, _)| *k)).collect();
         channels.sort_unstable();
         channels.dedup();
+        let is_noise_known = !session.hold_out.is_even.is_empty();
+        let most = if is_noise_known { IMPLAUSIBLE } else { IMPLAUSIBLE_BESIDE_ERRORS };
         let heading = |c: &Column| Heading {
             parameter: c.parameter.clone(),
             unit: c.unit.clone(),
             role: c.role,
             plausible: c.plausible,
             unit_only: c.unit_only.or_else(|| lone_unit(session, c)),
-            range: [if c.is_positive { 0.0 } else { -IMPLAUSIBLE * c.plausible }, IMPLAUSIBLE * c.plausible],
+            range: [if c.is_positive { 0.0 } else { -most * c.plausible }, most * c.plausible],
         };
         let headings = columns.iter().map(heading).collect();
         let columns = trimmed(columns);
