@@ -10,8 +10,10 @@ use wrenchd_tests::{Check, Failure, packages, process};
 use crate::table::{Compared, Line};
 
 const PERIOD_NS: i64 = 1_000_000;
-/// So many that a thousandth of them is more than a few.
-const WAKES: usize = 15_000;
+const WAKES: usize = 1_000;
+/// Of each in turn, so short that both meet what else this computer does, and so many that a thousandth of a run's wake-ups is more
+/// than a few.
+const TURNS: usize = 15;
 const RUNS: usize = 5;
 /// What share of the wake-ups is less late, by its name and the goal of its ratio.
 const SHARES: [(f64, &str, &str); 3] = [
@@ -24,9 +26,13 @@ pub(crate) fn jitter() -> Check<Vec<Line>> {
     let cyclictest = packages::require_program("cyclictest", "rt-tests")?;
     let mut costs: [[Vec<f64>; 2]; SHARES.len()] = Default::default();
     for _ in 0..RUNS {
-        let ours = std::thread::spawn(own).join().map_err(|_| Failure::new("the thread panicked"))?;
-        let theirs = histogram(&mut Command::new(&cyclictest))?;
-        for (at, lateness) in [ours, theirs].iter().enumerate() {
+        let mut late: [Vec<f64>; 2] = Default::default();
+        for _ in 0..TURNS {
+            late[0].extend(std::thread::spawn(own).join().map_err(|_| Failure::new("the thread panicked"))?);
+            late[1].extend(histogram(&mut Command::new(&cyclictest))?);
+        }
+        for (at, lateness) in late.iter_mut().enumerate() {
+            lateness.sort_by(f64::total_cmp);
             SHARES
                 .iter()
                 .zip(&mut costs)
@@ -43,7 +49,7 @@ fn share(sorted: &[f64], share: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * share) as usize]
 }
 
-/// Lateness of each wake-up in order of size, us.
+/// Lateness of each wake-up, us.
 fn own() -> Vec<f64> {
     for refused in [realtime::first_in_first_out().err(), realtime::lock_memory().err()].into_iter().flatten()
     {
@@ -52,15 +58,13 @@ fn own() -> Vec<f64> {
     let _awake = realtime::no_deep_sleep().inspect_err(|refused| println!("{refused}"));
     let clock = SystemClock;
     let mut due_ns = clock.now().monotonic_ns;
-    let mut late: Vec<f64> = (0..WAKES)
+    (0..WAKES)
         .map(|_| {
             due_ns += PERIOD_NS;
             clock.sleep_until_ns(due_ns);
             (clock.now().monotonic_ns - due_ns) as f64 * 1e-3
         })
-        .collect();
-    late.sort_by(f64::total_cmp);
-    late
+        .collect()
 }
 
 /// The same of cyclictest, from its histogram of whole microseconds.
@@ -75,7 +79,6 @@ fn histogram(command: &mut Command) -> Check<Vec<f64>> {
             late.extend(std::iter::repeat_n(us as f64 + 0.5, count));
         }
     }
-    late.sort_by(f64::total_cmp);
     if late.is_empty() {
         return Err(Failure::new(format!("cyclictest said {said}")));
     }
