@@ -13,7 +13,7 @@ use super::wire::{self, FD_MTU};
 use crate::frame::{CanId, Frame};
 
 /// Most frames a system call
-pub(super) const BATCH: usize = 64;
+pub(super) const BATCH: usize = 128;
 /// Room for a stamp (32 bytes with its header) and a drop count (24)
 const CONTROL: usize = 64;
 
