@@ -1,5 +1,7 @@
 //! The bank of Kalman filters of one joint, all worked on at once: at rest, and moving with each strength of snap.
 
+mod belief;
+
 use nalgebra::{Matrix4, Vector4};
 use wide::f64x8;
 
@@ -74,27 +76,6 @@ impl Bank {
         let of = |values: &f64x8| values.as_array()[MODELS - 1];
         let smear_rad = of(&self.states.mean[1]) / UNIT_S * jitter_s;
         of(&self.states.covariance[0]) + variance_rad2 + smear_rad * smear_rad
-    }
-
-    /// How far a position is from what the filters together expect, rad, and the variance of that, rad^2.
-    fn innovation(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64) -> (f64, f64) {
-        let weigh = |values: f64x8| (values * self.weights).reduce_add();
-        let [mean_rad, mean_rate] = [weigh(self.states.mean[0]), weigh(self.states.mean[1])];
-        let apart = self.states.mean[0] - f64x8::splat(mean_rad);
-        let smear_rad = mean_rate / UNIT_S * jitter_s;
-        let expected_rad2 = weigh(self.states.covariance[0] + apart * apart);
-        (position_rad - mean_rad, expected_rad2 + variance_rad2 + smear_rad * smear_rad)
-    }
-
-    /// Whether a position is within so many standard deviations of what the filters together expect.
-    pub(super) fn expects(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64, sigmas: f64) -> bool {
-        let (off_rad, variance_rad2) = self.innovation(position_rad, variance_rad2, jitter_s);
-        off_rad * off_rad <= sigmas.powi(2) * variance_rad2
-    }
-
-    pub(super) fn likelihood_ln(&self, position_rad: f64, variance_rad2: f64, jitter_s: f64) -> f64 {
-        let (off_rad, variance_rad2) = self.innovation(position_rad, variance_rad2, jitter_s);
-        -0.5 * (off_rad * off_rad / variance_rad2 + variance_rad2.ln())
     }
 
     /// Lets each filter take in a position (rad) whose own sampling instant is uncertain by `jitter_s`: at speed it counts for less.
