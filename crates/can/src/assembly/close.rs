@@ -123,7 +123,7 @@ impl Assembler {
         if stream.is_doubted(self.round) {
             return Err(Absence::Repeated);
         }
-        reading(held, age_ns)
+        reading(held, age_ns, if stream.is_unplaced() { self.rhythm.period_ns() } else { 0 })
     }
 
     /// A signal that is held until stale
@@ -136,13 +136,13 @@ impl Assembler {
         if age_ns > self.temperature_stale_after_ns {
             return Err(Absence::Stale);
         }
-        reading(held, age_ns)
+        reading(held, age_ns, 0)
     }
 }
 
-fn reading(held: &Held, age_ns: i64) -> Signal {
+fn reading(held: &Held, age_ns: i64, unsure_ns: i64) -> Signal {
     if held.value.is_finite() {
-        Ok(Reading { value: held.value, at_ns: held.at_ns, age_ns })
+        Ok(Reading { value: held.value, at_ns: held.at_ns, age_ns, unsure_ns })
     } else {
         Err(Absence::NotFinite)
     }

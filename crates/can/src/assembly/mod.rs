@@ -224,9 +224,14 @@ impl Assembler {
             self.last_stamp_ns = stamp_ns;
             self.rhythm.open(&self.streams[first], stamp_ns);
         }
+        let counted = self.cycles.place().is_some();
         for number in 0..self.streams.len() {
             if std::mem::take(&mut self.streams[number].hit) {
-                self.streams[number].arrive(self.round, stamp_ns);
+                let stream = &mut self.streams[number];
+                if !counted && !stream.goes_on(self.round) && !self.rhythm.is_in_place(stream, stamp_ns) {
+                    stream.misplace(self.round);
+                }
+                stream.arrive(self.round, stamp_ns);
                 self.rhythm.join(number, &mut self.streams, stamp_ns);
             }
         }

@@ -41,6 +41,8 @@ pub(super) struct Stream {
     doubted_round: Option<u64>,
     /// Last round in which its frame seemed to be the round's before
     held_back_round: Option<u64>,
+    /// Last round that got a frame of it which may as well be of a round before
+    unplaced_round: Option<u64>,
     /// Whether the frame at hand belongs to it
     pub(super) hit: bool,
     stamp_ns: Option<i64>,
@@ -66,6 +68,7 @@ impl Stream {
             wrong_length_round: None,
             doubted_round: None,
             held_back_round: None,
+            unplaced_round: None,
             hit: false,
             stamp_ns: None,
             phase_ns: None,
@@ -85,9 +88,9 @@ impl Stream {
         self.last_round.is_some_and(|last| round.saturating_sub(last) < self.usual)
     }
 
-    /// Whether it has come in every round for some time
+    /// Whether it comes in every round, but for frames that are lost
     pub(super) fn in_every_round(&self) -> bool {
-        self.gaps.iter().all(|gap| *gap == 1)
+        self.gaps.contains(&1)
     }
 
     /// Its frame came again without news; a duplicate of this round's is none of its business
@@ -110,6 +113,21 @@ impl Stream {
     pub(super) fn hold_back(&mut self, round: u64) -> bool {
         let before = self.held_back_round.replace(round);
         before.is_none_or(|before| before + 1 < round)
+    }
+
+    /// Whether its place goes on from the last frame that was due: that one came, and was in its own round
+    pub(super) fn goes_on(&self, round: u64) -> bool {
+        self.last_round.is_none_or(|last| last + self.usual >= round && !self.is_unplaced())
+    }
+
+    /// The frame of this round may as well be of a round before: nothing but its order among frames that may be overtaken says which
+    pub(super) fn misplace(&mut self, round: u64) {
+        self.unplaced_round = Some(round);
+    }
+
+    /// Whether the last frame may as well be of a round before
+    pub(super) fn is_unplaced(&self) -> bool {
+        self.unplaced_round.is_some() && self.unplaced_round == self.last_round
     }
 
     /// Whether two frames of it came in this round and only one can be right
@@ -212,6 +230,11 @@ impl Rhythm {
     pub(super) fn lose_origin(&mut self) {
         self.origin_ns = None;
         self.last_any_ns = None;
+    }
+
+    /// The boards' period, ns
+    pub(super) fn period_ns(&self) -> i64 {
+        self.period_ns.map_or(0, |period| period as i64)
     }
 
     /// A quarter of the period, or 1 ms while it is unknown: identical frames closer than this are duplicates

@@ -9,6 +9,8 @@ pub struct Reading {
     pub at_ns: i64,
     /// The snapshot's instant minus the sampling instant, ns
     pub age_ns: i64,
+    /// What it may be older by than that, ns: its frame came where another of its message had been lost, and nothing says whether it was that one
+    pub unsure_ns: i64,
 }
 
 /// Why there is no reading

@@ -102,7 +102,8 @@ impl MotionTracker {
             }
             Ok(position) => {
                 // A delay of its own counts from its own stamp, with that stamp's scatter.
-                let jitter_s = if position.age_ns == 0 { 0.0 } else { round.at.scatter_s };
+                let scatter_s = if position.age_ns == 0 { 0.0 } else { round.at.scatter_s };
+                let jitter_s = scatter_s.hypot(position.unsure_ns as f64 * 1e-9);
                 let at = Sampled { at_ns: round.at.at_ns - position.age_ns, ..round.at };
                 let fate = filter.measure(at, jitter_s, position.value);
                 if let Some(lag) = &mut lag {

@@ -49,3 +49,42 @@ fn a_counter_whose_bits_turned_moves_no_frame_to_another_cycle() {
         assert_no_cycle_is_mixed(&all, &format!("frame {number}, bit {bit}"));
     }
 }
+
+/// Frames in the boards' order, each of which comes up to 7 ms late: the stamps say nothing of cycles
+fn scattered(frames: impl IntoIterator<Item = Stamped>) -> Vec<Stamped> {
+    let (mut seed, mut free_ns) = (5u64, 0);
+    let late = |mut frame: Stamped| {
+        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        frame.stamp_ns = (frame.stamp_ns + (seed >> 40) as i64 * 7 * MS / (1 << 24)).max(free_ns);
+        free_ns = frame.stamp_ns + MS / 100;
+        frame
+    };
+    frames.into_iter().map(late).collect()
+}
+
+#[test]
+fn a_counted_frame_that_is_overtaken_is_of_its_cycle_although_another_was_lost() {
+    for lost in 1..5 {
+        let mut frames: Vec<Stamped> = (0..3 * AT).flat_map(cycle).collect();
+        // G1 of one cycle comes between the first frames of the next; the one of a cycle shortly before never came.
+        let overtaken = frames.remove((4 * AT) as usize + 2);
+        frames.insert((4 * AT) as usize + 4, overtaken);
+        frames.remove((4 * (AT - lost)) as usize + 2);
+        let (all, _) = run(scattered(frames));
+        assert_no_cycle_is_mixed(&all, &format!("lost {lost} cycles before"));
+    }
+}
+
+#[test]
+fn a_reading_without_a_counter_may_be_older_where_one_was_lost_and_stamps_do_not_tell() {
+    let unsure = |snapshot: &Snapshot| snapshot.joints[0].position.map_or(0, |reading| reading.unsure_ns);
+    let mut frames: Vec<Stamped> = (0..2 * AT).flat_map(cycle).collect();
+    frames.remove((4 * AT) as usize);
+    let (steady, _) = run(frames.clone());
+    assert!(steady.iter().all(|snapshot| unsure(snapshot) == 0), "in its time it is of its own cycle");
+    let (all, _) = run(scattered(frames));
+    let at = all.iter().position(|snapshot| snapshot.joints[0].position.is_err()).unwrap();
+    assert!(all[..at].iter().all(|snapshot| unsure(snapshot) == 0));
+    assert!((unsure(&all[at + 1]) - 8 * MS).abs() < 2 * MS, "{:?}", all[at + 1].joints[0]);
+    assert_eq!(all[at + 1].joints[1].position.map(|reading| reading.unsure_ns), Ok(0), "it came every time");
+}
