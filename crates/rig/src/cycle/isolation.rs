@@ -117,8 +117,9 @@ pub(super) struct Isolation {
     /// Variance of each gauge's reading that is new at each instant, counts^2.
     white_counts2: Vec<f64>,
     out: Vec<Out>,
-    /// Who may be at fault, by the window and at this instant.
+    /// Who may be at fault by the window, by this instant alone, and by either.
     lasting: Vec<bool>,
+    now: Vec<bool>,
     suspects: Vec<bool>,
     disagree: bool,
     /// The gauges have agreed over 50 ms since the start.
@@ -144,6 +145,7 @@ impl Isolation {
             white_counts2: model.sensors.iter().map(white).collect(),
             out: vec![Out { needed: PROOF_BLOCKS.0, ..Out::default() }; n],
             lasting: vec![false; n],
+            now: vec![false; n],
             suspects: vec![false; n],
             disagree: false,
             proven: false,
@@ -161,6 +163,11 @@ impl Isolation {
     /// Who may be at fault at the last instant; none where all agree.
     pub(super) fn suspects(&self) -> &[bool] {
         &self.suspects
+    }
+
+    /// Who alone can have caused what is seen at the last instant, whatever was before.
+    pub(super) fn suspects_now(&self) -> &[bool] {
+        &self.now
     }
 
     /// Model, pose and counts belong together, whatever the gauges say.
@@ -186,6 +193,7 @@ impl Isolation {
         estimator: &mut WrenchEstimator,
         solution: &Solution,
     ) -> Judgement {
+        self.now.fill(false);
         self.suspects.fill(false);
         let mut judgement = Judgement::NONE;
         if !estimator.redundancy(&solution.wrench, &mut self.redundancy) {
@@ -211,6 +219,7 @@ impl Isolation {
                 judgement.isolated = self.decide(estimator, solution);
             }
         }
+        self.now.copy_from_slice(&self.suspects);
         if self.disagree {
             judgement.status = judgement.status.with(Status::PARITY).with(Status::UNCERTAIN);
             self.suspects.iter_mut().zip(&self.lasting).for_each(|(suspect, lasting)| *suspect |= lasting);

@@ -192,7 +192,7 @@ impl Stage {
         let said = isolation.judge(instant_ns, &self.heard, &mut self.estimator, &solution);
         solution.protection = said.protection;
         if said.sudden {
-            let suspects = isolation.suspects();
+            let suspects = isolation.suspects_now();
             self.several.note(|sensor| suspects.get(sensor).copied().unwrap_or_default());
         }
         if self.several.holds() {

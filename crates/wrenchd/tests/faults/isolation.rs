@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use rig::Rig;
 use rig::Status;
 use rig::config::PublishMode;
-use rig::cycle::{Cycle, Estimate, GaugeState};
+use rig::cycle::{Cycle, Estimate, GaugeState, Refusal};
 use sim::{Options, Scenario, Simulator, Trajectory};
 
 use crate::common::{model, rig, truth};
@@ -131,6 +131,23 @@ pub(crate) fn is_wrong(estimate: &Estimate, world: &mut Simulator) -> bool {
     let Ok(solution) = &estimate.outcome else { return false };
     let error = solution.wrench.to_vector() - world.truth_at_ns(estimate.instant_ns).to_vector();
     (0..6).any(|k| error[k].abs() > 5.0 * solution.covariance[(k, k)].sqrt() + solution.protection[k])
+}
+
+/// Wherever in a block of the window that is: it may still have the first one for its suspect when the second goes astray.
+#[test]
+fn two_gauges_astray_one_right_after_the_other_are_several() {
+    for first in 25..30 {
+        let begin_s = (f64::from(first) - 0.1) / RATE_HZ;
+        // It ends with the second.
+        let pose = pose(3, FAULT_S + f64::from(first + 1) / RATE_HZ);
+        let outcome = pose.run(|since_s, gauge, counts| match (gauge, since_s - begin_s) {
+            (6, 0.0..0.008) => counts + 1e6,
+            (5, 0.008..) => counts - 1e5,
+            _ => counts,
+        });
+        let last = outcome.last.unwrap();
+        assert_eq!(last.outcome.as_ref().err(), Some(&Refusal::SeveralAstray), "{first}: {last:?}");
+    }
 }
 
 #[test]
