@@ -43,6 +43,9 @@ const UNPROVEN_SIGMA: f64 = 6.0;
 /// The same for the first reading after others stayed away: it may be one of those, held back by itself.
 const UNPROVEN_AFTER_A_GAP_SIGMA: f64 = 2.5;
 
+/// Where a motion explains a reading within this, in standard deviations of the mixture, a reading in between that it did not was a glitch.
+const PLAIN_SIGMA: f64 = 4.0;
+
 /// What became of a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
@@ -121,7 +124,7 @@ impl MotionFilter {
                 fate = Fate::Anew;
             }
         }
-        self.choose(position_rad, jitter_s);
+        let explained = self.choose(position_rad, jitter_s);
         let since_s = self.last.map_or(0.0, |last| (at.at_ns - last.at_ns) as f64 * 1e-9);
         let unproven_sigma =
             if since_s > 1.5 * self.step_s { UNPROVEN_AFTER_A_GAP_SIGMA } else { UNPROVEN_SIGMA };
@@ -140,6 +143,9 @@ impl MotionFilter {
                 return Fate::PassedOver;
             }
             self.begin_anew(position_rad, jump_rad);
+            fate = Fate::Anew;
+        } else if !explained {
+            self.restart(position_rad);
             fate = Fate::Anew;
         }
         self.passed_over = false;
@@ -168,15 +174,23 @@ impl MotionFilter {
         self.doubt_rad.abs()
     }
 
-    /// Whether the last reading was the joint's, where that was in doubt: this one tells.
-    fn choose(&mut self, position_rad: f64, jitter_s: f64) {
+    /// Whether the last reading was the joint's, where that was in doubt: this one tells. `false` where neither motion explains it: then
+    /// nothing is known of the joint's.
+    fn choose(&mut self, position_rad: f64, jitter_s: f64) -> bool {
         self.revoked = false;
-        let Some(without) = self.without.take() else { return };
-        let likely = |bank: &Bank| bank.likelihood_ln(position_rad, self.encoder_variance_rad2, jitter_s);
-        if likely(&without) > likely(&self.bank) {
+        let Some(without) = self.without.take() else { return true };
+        let variance = self.encoder_variance_rad2;
+        let likely = |bank: &Bank| bank.likelihood_ln(position_rad, variance, jitter_s);
+        if likely(&without) > likely(&self.bank)
+            && without.expects(position_rad, variance, jitter_s, 0.0, PLAIN_SIGMA)
+        {
             self.bank = without;
             self.revoked = true;
+            return true;
         }
+        let explained = self.bank.expects(position_rad, variance, jitter_s, 0.0, UNPROVEN_SIGMA);
+        self.revoked = !explained;
+        explained
     }
 
     /// Starts anew with the next reading: the last ones were not the joint's. What they did to the doubt of its position is forgotten, too.
