@@ -6,11 +6,15 @@ use crate::diagnosis::{Evidence, SensorGap};
 
 impl Evidence {
     /// Takes in what is left on the finding's channels.
-    pub(crate) fn see(&mut self, sensors: &[SensorGap], channels: &BTreeSet<usize>) {
+    pub(crate) fn see(&mut self, sensors: &[SensorGap], channels: &BTreeSet<usize>, is_event: bool) {
         let pool = |of: fn(&SensorGap) -> f64| channels.iter().map(|k| of(&sensors[*k]).powi(2)).sum::<f64>();
         let (before, after, floor) = (pool(|s| s.before), pool(|s| s.after), pool(|s| s.floor));
         // Where no more than noise was there, nothing shows that it went.
         self.explained = if before > floor { (before - after) / (before - floor) } else { 0.0 };
+        let falls = || channels.iter().map(|k| sensors[*k].before.powi(2) - sensors[*k].after.powi(2));
+        let most = falls().fold(0.0, f64::max);
+        self.lone =
+            if is_event && most > 0.0 { most / falls().map(|fall| fall.max(0.0)).sum::<f64>() } else { 0.0 };
         self.excess = ((before - floor).max(0.0) / floor.max(f64::MIN_POSITIVE)).sqrt();
     }
 

@@ -8,7 +8,7 @@ use crate::effects::{CATALOGUE, Place, by_id};
 use crate::establish::{Ground, Kept, add_events};
 use crate::folds;
 use crate::generic::Generic;
-use crate::library::{Library, Term, TermId};
+use crate::library::{Library, TermId};
 use crate::location;
 use crate::loops;
 use crate::measure::Measure;
@@ -97,12 +97,14 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
         let own = main.terms.iter().map(|id| &search.library.terms[*id]).filter(|term| term.effect == effect);
         let channels: BTreeSet<usize> = own.flat_map(|term| term.channels.clone()).collect();
         finding.evidence = Evidence { chosen: often(&own_effects, effect), ..rivals.evidence };
-        finding.evidence.see(&located.location.sensors, &channels);
+        let is_event = main
+            .terms
+            .iter()
+            .map(|id| &search.library.terms[*id])
+            .any(|term| term.effect == effect && term.is_event());
+        finding.evidence.see(&located.location.sensors, &channels, is_event);
         if let Some(generic) = &generic {
             let channels: Vec<usize> = channels.into_iter().collect();
-            let own =
-                main.terms.iter().map(|id| &search.library.terms[*id]).filter(|term| term.effect == effect);
-            let is_event = own.clone().any(Term::is_event);
             finding.evidence.generic =
                 generic.lead(session, &channels, &located.left, &bootstrap, is_event).weight();
         }
