@@ -13,6 +13,7 @@ use crate::location;
 use crate::loops;
 use crate::measure::Measure;
 use crate::refine::refine;
+use crate::remainder;
 use crate::select::Search;
 use crate::session::Session;
 use crate::words;
@@ -102,7 +103,10 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
             .iter()
             .map(|id| &search.library.terms[*id])
             .any(|term| term.effect == effect && term.is_event());
-        finding.evidence.see(&located.location.sensors, &channels, is_event);
+        finding.evidence.see(&located.location.sensors, &channels);
+        let others = remainder::without(&chosen, |id| search.library.terms[id].effect == effect);
+        let others = location::residuals(search.library, &others);
+        finding.evidence.see_each(&location::falls(&others, &located.left, &channels));
         if let Some(generic) = &generic {
             let channels: Vec<usize> = channels.into_iter().collect();
             finding.evidence.generic =
