@@ -8,11 +8,12 @@ use crate::effects::{CATALOGUE, Place, by_id};
 use crate::establish::{Ground, Kept, add_events};
 use crate::folds;
 use crate::generic::Generic;
-use crate::library::{Library, Term, TermId};
+use crate::library::{Library, TermId};
 use crate::location;
 use crate::loops;
 use crate::measure::Measure;
 use crate::refine::refine;
+use crate::remainder;
 use crate::select::Search;
 use crate::session::Session;
 use crate::words;
@@ -97,12 +98,17 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
         let own = main.terms.iter().map(|id| &search.library.terms[*id]).filter(|term| term.effect == effect);
         let channels: BTreeSet<usize> = own.flat_map(|term| term.channels.clone()).collect();
         finding.evidence = Evidence { chosen: often(&own_effects, effect), ..rivals.evidence };
+        let is_event = main
+            .terms
+            .iter()
+            .map(|id| &search.library.terms[*id])
+            .any(|term| term.effect == effect && term.is_event());
         finding.evidence.see(&located.location.sensors, &channels);
+        let others = remainder::without(&chosen, |id| search.library.terms[id].effect == effect);
+        let others = location::residuals(search.library, &others);
+        finding.evidence.see_each(&location::falls(&others, &located.left, &channels));
         if let Some(generic) = &generic {
             let channels: Vec<usize> = channels.into_iter().collect();
-            let own =
-                main.terms.iter().map(|id| &search.library.terms[*id]).filter(|term| term.effect == effect);
-            let is_event = own.clone().any(Term::is_event);
             finding.evidence.generic =
                 generic.lead(session, &channels, &located.left, &bootstrap, is_event).weight();
         }

@@ -19,7 +19,7 @@ const IMPLAUSIBLE_BESIDE_ERRORS: f64 = 4.0;
 /// In place of an effect's index: a direction in which the simulation is uncertain.
 const DOUBT: usize = usize::MAX;
 /// Columns that are kept rather than computed again, bytes.
-const KEPT_BYTES: usize = 70 << 20;
+const KEPT_BYTES: usize = 28 << 20;
 
 /// One candidate: an effect at a place with a shape.
 #[derive(Debug, Clone)]

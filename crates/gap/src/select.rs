@@ -86,6 +86,7 @@ impl Search<'_, '_, '_> {
                 choice = self.refined(next, choice.terms.len());
             }
             choice = self.swapped(choice, reducible);
+            choice = self.moved(choice);
             choice = self.backward(choice, reducible);
             choice = self.without_remainders(choice);
             ends.push((sum_of_difference(&nothing, &choice), self.extent(&choice.terms), choice));
@@ -223,6 +224,20 @@ impl Search<'_, '_, '_> {
                 })
                 .min_by(|a, b| a.residual.iter().sum::<f64>().total_cmp(&b.residual.iter().sum()));
             choice = better.unwrap_or(choice);
+        }
+        choice
+    }
+
+    /// Puts an effect to another place where it does better there and may do no more, or does better beyond doubt.
+    fn moved(&mut self, mut choice: Choice) -> Choice {
+        for index in 0..choice.terms.len() {
+            let Some(other) = self.elsewhere(&choice, index) else { continue };
+            let gains: Vec<f64> = choice.residual.iter().zip(&other.residual).map(|(a, b)| a - b).collect();
+            let is_simple = self.extent(&other.terms) <= self.extent(&choice.terms);
+            let doubt = if is_simple { 0.5 } else { DOUBT_OF_PLACE };
+            if self.bootstrap.quantile_of_sum(&gains, doubt) > 0.0 && self.is_plausible(&other) {
+                choice = other;
+            }
         }
         choice
     }

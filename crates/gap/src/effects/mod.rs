@@ -306,12 +306,15 @@ fn geometric(low: f64, high: f64, count: usize) -> Vec<Shape> {
     (0..count).map(|k| vec![low * (high / low).powf(k as f64 / steps)]).collect()
 }
 
-/// Times (s) by which a signal may be late: from a quarter of a step to sixty steps, as far as the recordings are long enough.
+/// Times (s) by which a signal may be late: from a hundredth of a step to sixty steps, as far as the recordings are long enough. Below a
+/// quarter of a step what they make of a signal only grows with them, so that few will do.
 fn latenesses(session: &Session) -> Vec<Shape> {
     let (Some(step_s), Some(longest_s)) = (session.step_s(), session.longest_s()) else {
         return Vec::new();
     };
-    geometric(0.25 * step_s, (60.0 * step_s).min(longest_s / 4.0).max(step_s), 24)
+    let mut shapes = geometric(0.01 * step_s, 0.1 * step_s, 3);
+    shapes.extend(geometric(0.25 * step_s, (60.0 * step_s).min(longest_s / 4.0).max(step_s), 24));
+    shapes
 }
 
 /// What a first-order lag (s) makes of a signal, each segment by itself, from its first value: exact for a signal that

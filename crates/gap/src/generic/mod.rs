@@ -22,8 +22,19 @@ const DOUBT: f64 = 0.05;
 /// Share of it that must differ between two of the same motion: a form that is not quite the catalogue's comes again with the motion.
 const WANDERS: f64 = 0.35;
 
-/// What a model without physics leaves of every channel on odd seconds, per row over its scale; none elsewhere.
+/// Mean square over its noise that a gauge may wander by, or its calibration be off, without a cause of its own: where nothing is put in,
+/// models without physics foretell up to so much of single gauges.
+const NATURAL: f64 = 0.15;
+/// Share of what was found that a model must foretell more with it than without, for that not to be a part of what it foretells.
+const BESIDE: f64 = 0.03;
+
+/// What a model leaves on odd seconds of what a channel has per row (both over its scale), fitted on even ones.
+type Foretell = fn(&Session, usize, &[Option<f64>]) -> Vec<Option<f64>>;
+
+/// A model without physics.
 struct Model {
+    foretell: Foretell,
+    /// What it leaves of every channel's gap.
     left: Residuals,
     /// Whether it is refuted itself by what comes again with the motion.
     wanders: bool,
@@ -77,20 +88,23 @@ impl Generic {
         if session.hold_out.is_even.is_empty() {
             return None;
         }
-        let seconds = wandering::seconds(session);
         let channels: Vec<usize> = (0..session.channels.len()).collect();
         let found = crate::parallel::map(&channels, |channel| {
-            [wandering::of_channel(session, *channel, &seconds), smooth::of_channel(session, *channel)]
+            let gap = gap(session, *channel);
+            [wandering::of_channel, smooth::of_channel]
+                .map(|foretell: Foretell| foretell(session, *channel, &gap))
         });
         let (wandering, smooth) = found.into_iter().map(|[wandering, smooth]| (wandering, smooth)).unzip();
         let models = vec![
             Model {
+                foretell: wandering::of_channel,
                 left: wandering,
                 wanders: true,
                 refutes: REFUTES,
                 words: "a zero and a scale that wander foretell {} % more of the gap there; something that changes with time in its own way",
             },
             Model {
+                foretell: smooth::of_channel,
                 left: smooth,
                 wanders: false,
                 refutes: REFUTES_IN_POSE,
@@ -121,6 +135,12 @@ impl Generic {
     }
 }
 
+/// A channel's gap per row over its scale, where it has a reading.
+fn gap(session: &Session, channel: usize) -> Vec<Option<f64>> {
+    let own = &session.channels[channel];
+    (0..session.rows()).map(|row| own.is_read(row).then(|| own.gap[row] / own.scale)).collect()
+}
+
 impl Model {
     fn lead(
         &self,
@@ -132,14 +152,41 @@ impl Model {
     ) -> f64 {
         let mut by_block = vec![0.0; session.blocks()];
         let mut ahead = Ahead::default();
+        let mut most = 0.0_f64;
         for &channel in channels {
+            let known = ahead.all;
             self.add(session, channel, &after[channel], &mut ahead, &mut by_block);
+            most = most.max(ahead.all - known);
         }
         let hold_out = &session.hold_out;
-        let odd = hold_out.block_of_row.iter().filter(|block| !hold_out.is_even(**block)).count();
-        let least = WORTH * (odd * channels.len()) as f64;
-        let is_sure = ahead.all > least && bootstrap.quantile_of_sum(&by_block, DOUBT) > 0.0;
-        if is_sure { ahead.share(self.wanders && !is_event) } else { 0.0 }
+        let odd = hold_out.block_of_row.iter().filter(|block| !hold_out.is_even(**block)).count() as f64;
+        let is_worth = ahead.all > WORTH * odd * channels.len() as f64 && most > NATURAL * odd;
+        let is_sure = is_worth && bootstrap.quantile_of_sum(&by_block, DOUBT) > 0.0;
+        let is_refuted = is_sure && !self.needs(session, channels, after, bootstrap);
+        if is_refuted { ahead.share(self.wanders && !is_event) } else { 0.0 }
+    }
+
+    /// Whether the model foretells beyond doubt more of these channels with what was found than without: then that is no part of
+    /// what it foretells, but beside it.
+    fn needs(&self, session: &Session, channels: &[usize], after: &Residuals, bootstrap: &Bootstrap) -> bool {
+        let mut by_block = vec![0.0; session.blocks()];
+        let (mut more, mut found) = (0.0, 0.0);
+        for &channel in channels {
+            let beside = (self.foretell)(session, channel, &after[channel]);
+            let gap = gap(session, channel);
+            for row in 0..session.rows() {
+                let squares = [gap[row], after[channel][row], self.left[channel][row], beside[row]];
+                let [Some(gap), Some(after), Some(alone), Some(beside)] =
+                    squares.map(|value| value.map(|v| v * v))
+                else {
+                    continue;
+                };
+                by_block[session.hold_out.block_of_row[row]] += alone - beside;
+                more += alone - beside;
+                found += gap - after;
+            }
+        }
+        more > BESIDE * found && bootstrap.quantile_of_sum(&by_block, DOUBT) > 0.0
     }
 
     fn add(

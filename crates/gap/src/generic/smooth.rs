@@ -11,20 +11,22 @@ use crate::session::Session;
 /// Weight of a prior of no size, as a share of the rows: directions that the data does not show stay at zero.
 const PRIOR: f64 = 1e-5;
 
-/// Per row on odd seconds what is left once the function is fitted on the even ones.
-pub(super) fn of_channel(session: &Session, channel: usize) -> Vec<Option<f64>> {
-    let own = &session.channels[channel];
+/// Per row on odd seconds what is left of what is to be foretold, once the function is fitted on the even ones.
+pub(super) fn of_channel(session: &Session, channel: usize, target: &[Option<f64>]) -> Vec<Option<f64>> {
     let is_even: &Vec<bool> =
         &session.hold_out.block_of_row.iter().map(|block| session.hold_out.is_even(*block)).collect();
     let features = features(session, channel);
-    let rows = |even: bool| (0..session.rows()).filter(move |row| is_even[*row] == even && own.is_read(*row));
-    let Some(parameters) = fitted(session, channel, &features, rows(true)) else {
+    let rows = |even: bool| {
+        let known = (0..session.rows()).filter(move |row| is_even[*row] == even);
+        known.filter_map(|row| Some((row, target[row]?)))
+    };
+    let Some(parameters) = fitted(&features, rows(true)) else {
         return vec![None; session.rows()];
     };
     let mut left = vec![None; session.rows()];
-    for row in rows(false) {
+    for (row, target) in rows(false) {
         let foretold: f64 = features.iter().zip(&parameters).map(|(values, p)| values[row] * p).sum();
-        left[row] = Some(own.gap[row] / own.scale - foretold);
+        left[row] = Some(target - foretold);
     }
     left
 }
@@ -69,21 +71,15 @@ fn normalised(mut values: Vec<f64>) -> Vec<f64> {
     values
 }
 
-fn fitted(
-    session: &Session,
-    channel: usize,
-    features: &[Vec<f64>],
-    rows: impl Iterator<Item = usize>,
-) -> Option<DVector<f64>> {
-    let own = &session.channels[channel];
+fn fitted(features: &[Vec<f64>], rows: impl Iterator<Item = (usize, f64)>) -> Option<DVector<f64>> {
     let mut normal = DMatrix::zeros(features.len(), features.len());
     let mut right = DVector::zeros(features.len());
     let mut here = DVector::zeros(features.len());
     let mut count = 0.0;
-    for row in rows {
+    for (row, target) in rows {
         here.iter_mut().zip(features).for_each(|(value, values)| *value = values[row]);
         normal.syger(1.0, &here, &here, 1.0);
-        right.axpy(own.gap[row] / own.scale, &here, 1.0);
+        right.axpy(target, &here, 1.0);
         count += 1.0;
     }
     for k in 0..features.len() {

@@ -3,7 +3,7 @@
 //! A zero that walks at random looks like drift, creep or warmth in any one recording. It is no explanation itself, since of another
 //! recording it knows nothing.
 
-use crate::session::Session;
+use crate::session::{Channel, Session};
 
 /// Reach (even seconds to each side) of the neighbourhood, and whether the scale wanders too.
 const KINDS: [(usize, bool); 4] = [(1, false), (1, true), (2, true), (4, true)];
@@ -14,14 +14,14 @@ const PLAUSIBLE: f64 = 0.2;
 type Sums = [f64; 6];
 
 /// One second (or what is left of it) in one block.
-pub(super) struct Second {
+struct Second {
     block: usize,
     is_even: bool,
     rows: std::ops::Range<usize>,
 }
 
 /// Rows of one block one after the other, within a segment.
-pub(super) fn seconds(session: &Session) -> Vec<Second> {
+fn seconds(session: &Session) -> Vec<Second> {
     let mut seconds: Vec<Second> = Vec::new();
     let hold_out = &session.hold_out;
     for segment in &session.segments {
@@ -37,9 +37,11 @@ pub(super) fn seconds(session: &Session) -> Vec<Second> {
     seconds
 }
 
-/// Per row on odd seconds what the best of them leaves.
-pub(super) fn of_channel(session: &Session, channel: usize, seconds: &[Second]) -> Vec<Option<f64>> {
-    let sums: Vec<Sums> = seconds.iter().map(|second| sums(session, channel, second)).collect();
+/// Per row on odd seconds what the best of them leaves of what is to be foretold.
+pub(super) fn of_channel(session: &Session, channel: usize, target: &[Option<f64>]) -> Vec<Option<f64>> {
+    let seconds = &seconds(session);
+    let own = &session.channels[channel];
+    let sums: Vec<Sums> = seconds.iter().map(|second| sums(own, second, target)).collect();
     let odd = || (0..seconds.len()).filter(|index| !seconds[*index].is_even);
     let left = |(reach, scales): (usize, bool)| {
         let of_second = |index: usize| {
@@ -54,22 +56,20 @@ pub(super) fn of_channel(session: &Session, channel: usize, seconds: &[Second]) 
     };
     let best = KINDS.into_iter().min_by(|a, b| left(*a).total_cmp(&left(*b)));
     let mut out = vec![None; session.rows()];
-    let own = &session.channels[channel];
     for index in odd() {
         let (offset, factor) =
             best.map_or((0.0, 0.0), |(reach, scales)| near(seconds, &sums, index, reach, scales));
-        for row in seconds[index].rows.clone().filter(|row| own.is_read(*row)) {
-            out[row] = Some((own.gap[row] - factor * own.simulated[row]) / own.scale - offset);
+        for row in seconds[index].rows.clone() {
+            out[row] = target[row].map(|target| target - factor * own.simulated[row] / own.scale - offset);
         }
     }
     out
 }
 
-fn sums(session: &Session, channel: usize, second: &Second) -> Sums {
-    let own = &session.channels[channel];
+fn sums(own: &Channel, second: &Second, target: &[Option<f64>]) -> Sums {
     let mut sums = [0.0; 6];
-    for row in second.rows.clone().filter(|row| own.is_read(*row)) {
-        let (x, g) = (own.simulated[row] / own.scale, own.gap[row] / own.scale);
+    for (row, g) in second.rows.clone().filter_map(|row| Some((row, target[row]?))) {
+        let x = own.simulated[row] / own.scale;
         for (sum, value) in sums.iter_mut().zip([1.0, x, x * x, g, x * g, g * g]) {
             *sum += value;
         }

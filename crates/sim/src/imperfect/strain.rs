@@ -63,6 +63,8 @@ pub enum Curve {
     Wavy,
     /// tanh of twice a shifted x: one side saturates first.
     Lopsided,
+    /// x tanh 1.5x: to the same side for both signs, and nothing without load, whose reading is the bias.
+    Hollow,
 }
 
 /// Kinds of hysteresis; all give -1 .. 1.
@@ -106,7 +108,7 @@ impl Strain {
 
     /// A characteristic bent by a share of the half range: to one side for an even order, to both for an odd one.
     pub fn bend_by(&mut self, order: i32, share: f64) {
-        let curve = if order % 2 == 0 { Curve::Lopsided } else { Curve::Cubic };
+        let curve = if order % 2 == 0 { Curve::Hollow } else { Curve::Cubic };
         self.bend = (curve, share);
     }
 
@@ -156,6 +158,7 @@ impl Curve {
             Self::Bowed => x * x.abs(),
             Self::Wavy => (2.0 * x).sin(),
             Self::Lopsided => (2.0 * x - 1.0).tanh(),
+            Self::Hollow => x * (1.5 * x).tanh(),
         }
     }
 }
