@@ -14,6 +14,8 @@ use crate::frame::{CanId, Frame};
 
 /// Most frames a system call
 pub(super) const BATCH: usize = 128;
+/// As many as a wrench takes, and a few more
+const FEW: usize = 8;
 /// Room for a stamp (32 bytes with its header) and a drop count (24)
 const CONTROL: usize = 64;
 
@@ -192,11 +194,17 @@ impl Receiver {
 
 /// Offers at most [`BATCH`] frames; how many were taken. Never waits.
 pub(super) fn send(socket: &OwnedFd, frames: &[Frame]) -> io::Result<usize> {
-    let frames = &frames[..frames.len().min(BATCH)];
+    // What a cycle sends finds room in a page or two of the stack.
+    if frames.len() <= FEW { send_some::<FEW>(socket, frames) } else { send_some::<BATCH>(socket, frames) }
+}
+
+/// Offers at most `N` frames.
+fn send_some<const N: usize>(socket: &OwnedFd, frames: &[Frame]) -> io::Result<usize> {
+    let frames = &frames[..frames.len().min(N)];
     // Only as much of these as there are frames is ever written or read.
-    let mut bytes = [const { MaybeUninit::<[u8; FD_MTU]>::uninit() }; BATCH];
-    let mut vectors = [const { MaybeUninit::<libc::iovec>::uninit() }; BATCH];
-    let mut headers = [const { MaybeUninit::<libc::mmsghdr>::uninit() }; BATCH];
+    let mut bytes = [const { MaybeUninit::<[u8; FD_MTU]>::uninit() }; N];
+    let mut vectors = [const { MaybeUninit::<libc::iovec>::uninit() }; N];
+    let mut headers = [const { MaybeUninit::<libc::mmsghdr>::uninit() }; N];
     let places = bytes.iter_mut().zip(&mut vectors).zip(&mut headers);
     for (frame, ((bytes, vector), header)) in frames.iter().zip(places) {
         let bytes = bytes.write([0; FD_MTU]);
