@@ -1,7 +1,7 @@
 //! From the last frame of a round to the wrench: the daemon in event mode, each peer in turns with it or by itself.
 
 use std::process::Command;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use can::frame::Frame;
 use can::socket::SocketSender;
@@ -15,6 +15,8 @@ const PERIOD: Duration = Duration::from_millis(8);
 /// Rounds before the daemon's rhythm and all caches are settled.
 const SETTLING: usize = 100;
 const STEP: Duration = Duration::from_secs(120);
+/// An answer's frames that are the wrench itself.
+const WRENCH_FRAMES: usize = 2;
 /// Where frames come in and answers go out, one pair for each program that runs at a time.
 pub(crate) const LINKS: [[&str; 2]; 2] = [["vcan0", "vcan1"], ["vcan2", "vcan3"]];
 
@@ -26,8 +28,10 @@ pub(crate) fn last_of_a_round() -> &'static str {
 /// How long an answer took, the middle of all rounds.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Took {
-    /// From the kernel's stamp of the last frame in to its stamp of the answer's last frame out, us.
+    /// From the kernel's stamp of the last frame in to its stamp of the answer's second frame out, us: force and torque.
     pub(crate) out_us: f64,
+    /// The same to the answer's last frame: what tells of the wrench's quality, too.
+    pub(crate) all_us: f64,
     /// From before the call that sends the last frame until the answer's first frame is read, us.
     pub(crate) seen_us: f64,
 }
@@ -95,15 +99,19 @@ impl Lane {
         self.sender.send(std::slice::from_ref(last));
         let first = self.far.read_frame_with_timestamp();
         let seen = begun.elapsed();
-        let Ok((_, mut out)) = first else { return Ok(None) };
-        for _ in 1..self.frames {
+        let Ok((_, mut all)) = first else { return Ok(None) };
+        let mut out = all;
+        for frame in 1..self.frames {
             let Ok((_, stamp)) = self.far.read_frame_with_timestamp() else { return Ok(None) };
-            out = stamp;
+            all = stamp;
+            if frame < WRENCH_FRAMES {
+                out = stamp;
+            }
         }
         let (_, arrived) = self.near.read_frame_with_timestamp()?;
         let micros = |time: Duration| time.as_secs_f64() * 1e6;
-        let out_us = micros(out.duration_since(arrived).unwrap_or_default());
-        Ok(Some(Took { out_us, seen_us: micros(seen) }))
+        let since = |stamp: SystemTime| micros(stamp.duration_since(arrived).unwrap_or_default());
+        Ok(Some(Took { out_us: since(out), all_us: since(all), seen_us: micros(seen) }))
     }
 
     fn end(self, rounds: usize) -> Check<Took> {
@@ -115,6 +123,10 @@ impl Lane {
             values.sort_by(f64::total_cmp);
             values[answered / 2]
         };
-        Ok(Took { out_us: middle(|took| took.out_us), seen_us: middle(|took| took.seen_us) })
+        Ok(Took {
+            out_us: middle(|took| took.out_us),
+            all_us: middle(|took| took.all_us),
+            seen_us: middle(|took| took.seen_us),
+        })
     }
 }

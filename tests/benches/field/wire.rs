@@ -1,7 +1,8 @@
 //! Frames through the kernel: taking them in, and answering them, each beside its peers in one boot of the CAN machine.
 //!
-//! Two times are told of an answer. *Out* is from the kernel's stamp of the last frame in to its stamp of the last frame out: what the
-//! program itself takes. *Seen* is what a program of ordinary priority sees that sends that frame and waits for the answer.
+//! Three times are told of an answer. *Out* is from the kernel's stamp of the last frame in to its stamp of the second frame out, which
+//! completes the wrench (the echo's are two): what the program itself takes. *All* is the same to the last frame, the quality frame.
+//! *Seen* is what a program of ordinary priority sees that sends that frame and waits for the answer.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -58,12 +59,15 @@ pub(crate) fn outside() -> Check<Vec<Line>> {
     };
     let taken = |peer, goal| Compared { what: "taking frames in, time", peer, unit: "us a frame", goal };
     let out = |peer, goal| Compared { what: "last frame in to wrench out, p50", peer, unit: "us", goal };
+    let all =
+        |peer| Compared { what: "the same to its quality frame, a third one", peer, unit: "us", goal: "" };
     let seen = |peer, goal| Compared { what: "last frame sent to wrench seen, p50", peer, unit: "us", goal };
     let (c, py) = ("an echo in C", "python-can, cantools and Pinocchio");
     Ok(vec![
         taken("socketcan crate, single reads", "<= 1/14").cost(&take("ours")?, &take("single")?),
         taken("candump -L", "<= 1/40").cost(&take("ours")?, &take("candump")?),
         out(c, "<= 1.5").cost(&take("daemon-out")?, &take("echo.c-out")?),
+        all(c).cost(&take("daemon-all")?, &take("echo.c-all")?),
         seen(c, "<= 1.5").cost(&take("daemon-seen")?, &take("echo.c-seen")?),
         out(py, "<= 1/5").cost(&take("alone-out")?, &take("echo.py-out")?),
         seen(py, "<= 1/5").cost(&take("alone-seen")?, &take("echo.py-seen")?),
@@ -99,6 +103,7 @@ pub(crate) fn inside(scratch: &Path) -> Check {
     }
     for (name, took) in ["daemon", "echo.c", "alone", "echo.py"].iter().zip(&took) {
         note(&format!("{name}-out"), &took.iter().map(|took| took.out_us).collect::<Vec<_>>());
+        note(&format!("{name}-all"), &took.iter().map(|took| took.all_us).collect::<Vec<_>>());
         note(&format!("{name}-seen"), &took.iter().map(|took| took.seen_us).collect::<Vec<_>>());
     }
     let path = scratch.join(MEASURED);
