@@ -83,6 +83,7 @@ impl Assembler {
         }
         self.latest_ns = Some(stamp_ns);
         self.rhythm.lose_origin();
+        self.ended_stamp_ns = i64::MIN;
         self.cycles.forget();
         for previous in &mut self.previous {
             previous.stamp_ns = None;

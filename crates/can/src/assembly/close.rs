@@ -24,6 +24,7 @@ impl Assembler {
             self.ready += 1;
         }
         self.last_instant_ns = instant_ns;
+        self.ended_stamp_ns = self.last_stamp_ns;
         for stream in &mut self.streams {
             self.counts.missed += u64::from(stream.end_round(self.round));
         }

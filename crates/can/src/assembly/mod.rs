@@ -93,6 +93,8 @@ pub struct Assembler {
     latest_ns: Option<i64>,
     last_instant_ns: i64,
     last_stamp_ns: i64,
+    /// The same of the round that ended last
+    ended_stamp_ns: i64,
     out: [Snapshot; 2],
     ready: usize,
     counts: AssemblyCounts,
@@ -121,6 +123,7 @@ impl Assembler {
             latest_ns: None,
             last_instant_ns: 0,
             last_stamp_ns: 0,
+            ended_stamp_ns: i64::MIN,
             out: [empty.clone(), empty],
             ready: 0,
             counts: AssemblyCounts::default(),
@@ -253,10 +256,11 @@ impl Assembler {
         self.cycles.count() && begins() && self.rhythm.is_astray(first, &self.streams, stamp_ns)
     }
 
-    /// Whether the frame at hand, whose cycle nobody counted, may be of the round before, which missed it
+    /// Whether the frame at hand, whose cycle nobody counted, may be of the round before, which missed it: by its place, or because it was handed on
+    /// late with a stamp of its own
     fn is_held_back(&mut self, first: usize, stamp_ns: i64) -> bool {
-        let early = self.open && self.rhythm.comes_early(first, &self.streams, self.round, stamp_ns);
-        early && self.streams[first].hold_back(self.round)
+        let early = || self.open && self.rhythm.comes_early(first, &self.streams, self.round, stamp_ns);
+        (stamp_ns < self.ended_stamp_ns || early()) && self.streams[first].hold_back(self.round)
     }
 
     /// Leaves the frame at hand out; where it is the second of its message in a round the first may be the wrong one, too

@@ -343,13 +343,15 @@ impl Rhythm {
         self.period_ns.is_none_or(|period| (stamp_ns - self.last_ns) as f64 > period / 4.0)
     }
 
-    /// Whether a frame that usually comes before one of the open round's begins the next: it comes long after them, or in a burst, in
-    /// which only the order tells
+    /// Whether a frame that usually comes before one of the open round's begins the next: it comes long after them, or in a later cycle's
+    /// place, or in a burst, in which only the order tells. One that was handed on late with its own stamp comes before them by that
     pub(super) fn begins_anew(&self, number: usize, streams: &[Stream], stamp_ns: i64) -> bool {
-        let mut arrived = (0..streams.len()).filter(|other| streams[*other].arrived);
+        let behind = |other: &Stream| other.arrived && other.stamp_ns <= Some(stamp_ns);
+        let mut before = (0..streams.len()).filter(|other| behind(&streams[*other]));
+        let later = || self.cycles_ahead(&streams[number], stamp_ns).is_some_and(|ahead| ahead > 0);
         self.period_ns.is_some()
-            && (self.long_since(stamp_ns) || self.resumed_ns.is_some() || !self.in_time)
-            && arrived.any(|other| self.order.usual(number, other))
+            && (self.long_since(stamp_ns) || self.resumed_ns.is_some() || !self.in_time || later())
+            && before.any(|other| self.order.usual(number, other))
     }
 
     /// The counters say that a cycle is missing: so what came before the open round's pause was of that cycle, and the rest of it

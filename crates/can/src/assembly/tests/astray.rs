@@ -1,6 +1,7 @@
 //! Frames that were held back by themselves, and counters whose bits turned: neither mixes cycles, nor shifts those that follow
 
 use super::*;
+use crate::fault::{Faults, broken};
 
 const AT: i64 = 20;
 
@@ -87,4 +88,35 @@ fn a_reading_without_a_counter_may_be_older_where_one_was_lost_and_stamps_do_not
     assert!(all[..at].iter().all(|snapshot| unsure(snapshot) == 0));
     assert!((unsure(&all[at + 1]) - 8 * MS).abs() < 2 * MS, "{:?}", all[at + 1].joints[0]);
     assert_eq!(all[at + 1].joints[1].position.map(|reading| reading.unsure_ns), Ok(0), "it came every time");
+}
+
+/// Cycles of a bus that never pauses: rounds may begin anywhere
+fn without_a_pause(cycles: std::ops::Range<i64>) -> Vec<Stamped> {
+    let placed = |k: i64| {
+        let stamp_ns = move |i: usize| START + 8 * MS * k + 2 * MS * i as i64;
+        cycle(k).into_iter().enumerate().map(move |(i, frame)| Stamped { stamp_ns: stamp_ns(i), ..frame })
+    };
+    cycles.flat_map(placed).collect()
+}
+
+#[test]
+fn one_lost_frame_mixes_no_cycles_on_a_bus_that_never_pauses() {
+    for lost in 0..4 {
+        let mut frames = without_a_pause(0..3 * AT);
+        frames.remove((4 * AT) as usize + lost);
+        let (all, _) = run(frames);
+        assert_no_cycle_is_mixed(&all, &format!("lost {lost}"));
+    }
+}
+
+#[test]
+fn a_frame_that_is_handed_on_late_with_a_stamp_of_its_own_begins_no_round() {
+    let overtaken = Faults { reorder: 0.1, reorder_frames: 5, ..Faults::default() };
+    for seed in 0..20 {
+        let mut frames = without_a_pause(0..2 * AT);
+        frames.extend(broken(without_a_pause(2 * AT..10 * AT), overtaken, seed));
+        let (all, _) = run(frames);
+        let back = all.windows(2).find(|pair| pair[1].instant_ns <= pair[0].instant_ns);
+        assert!(back.is_none(), "seed {seed}: {back:?}");
+    }
 }
