@@ -86,4 +86,4 @@ const STIFFENING: f64 = 1.0;
 const BENT: f64 = 2.0;
 const STIFFER_PER_RAD2: f64 = 0.3;
 /// Where a cable may be slack.
-const SLACK_RAD: [f64; 9] = [-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2];
+const SLACK_RAD: [f64; 5] = [-1.2, -0.6, 0.0, 0.6, 1.2];
