@@ -75,18 +75,7 @@ impl Effect for SensingAxis {
 
     fn straightened(&self, session: &Session, term: &Fitted<'_>) -> Option<Shape> {
         let Place::Channel(channel) = term.place else { return None };
-        let gauge =
-            session.channels[channel].gauge.as_ref().filter(|_| term.shape.first() == Some(&TURNED))?;
-        let numbers: [f64; 4] = term.values.try_into().ok()?;
-        let before = Compliance::from_vector(&gauge.compliance).actual_frame()?;
-        let change = moved(before, &numbers, 1.0).compliance().vector() - gauge.compliance;
-        let missed = change - changed_by(&directions(gauge, term.shape), term.values);
-        let in_newtons = |row: Vector6<f64>| {
-            let length_m = model::sensing::CHARACTERISTIC_LENGTH_M;
-            (row.fixed_rows::<3>(0).norm() * length_m).hypot(row.fixed_rows::<3>(3).norm())
-        };
-        let is_bent = in_newtons(missed) > STRAIGHT_ENOUGH * in_newtons(change);
-        is_bent.then(|| [&[TURNED][..], &numbers].concat())
+        straightened(session.channels[channel].gauge.as_ref()?, term.shape, term.values)
     }
 
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
@@ -176,6 +165,19 @@ fn is_nominal(gauge: &Gauge) -> bool {
     (0..5).all(|k| gauge.compliance[k] == 0.0)
 }
 
+/// The shape whose columns make up the whole change by these numbers, where those of this one do not.
+fn straightened(gauge: &Gauge, shape: &[f64], numbers: &[f64]) -> Option<Shape> {
+    let to: &[f64; 4] = numbers.try_into().ok().filter(|_| shape.first() == Some(&TURNED))?;
+    let before = Compliance::from_vector(&gauge.compliance).actual_frame()?;
+    let change = moved(before, to, 1.0).compliance().vector() - gauge.compliance;
+    let missed = change - changed_by(&directions(gauge, shape), numbers);
+    let size = |change: Vector6<f64>| {
+        let force = change.fixed_rows::<3>(0).norm() * model::sensing::CHARACTERISTIC_LENGTH_M;
+        force.hypot(change.fixed_rows::<3>(3).norm())
+    };
+    (size(missed) > STRAIGHT_ENOUGH * size(change)).then(|| [&[TURNED][..], numbers].concat())
+}
+
 fn components() -> Vec<Vector6<f64>> {
     (0..6).map(|k| Vector6::ith(k, 1.0)).collect()
 }
@@ -251,4 +253,36 @@ fn of_loads(session: &Session, channel: usize) -> Vec<Column> {
 fn is_same(a: &[f64], b: &[f64]) -> bool {
     let tolerance = 1e-9 * a.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= tolerance)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{SMatrix, Vector4};
+
+    use super::*;
+
+    #[test]
+    fn an_axis_that_turned_far_is_found_by_its_four_numbers_alone() {
+        let compliance = Vector6::new(20.0, -310.0, 0.0, 8e3, 1.6e4, 1.6e5);
+        let frame = Compliance::from_vector(&compliance).actual_frame().unwrap();
+        let compliance = frame.compliance().vector();
+        let gauge = Gauge { compliance, bias_counts: 0.0, loads: components(), temperature_c: None };
+        let put_in = [0.25, -0.15, 0.05, -0.08];
+        let change = moved(frame, &put_in, 1.0).compliance().vector() - compliance;
+        let mut shape = vec![TURNED];
+        let mut misses = Vec::new();
+        loop {
+            let ways = directions(&gauge, &shape);
+            let ways = SMatrix::<f64, 6, 4>::from_fn(|r, c| ways[c].change[r]);
+            let numbers: Vector4<f64> = ways.svd(true, true).solve(&change, 0.0).unwrap_or_default();
+            misses.push((change - ways * numbers).norm() / change.norm());
+            let Some(next) = straightened(&gauge, &shape, numbers.as_slice()) else {
+                assert!((numbers - Vector4::from(put_in)).amax() < 0.01, "{numbers}");
+                break;
+            };
+            shape = next;
+            assert!(misses.len() < 8, "{misses:?}");
+        }
+        assert!(misses[0] > 0.05 && misses.last().is_some_and(|miss| *miss < 0.005), "{misses:?}");
+    }
 }
