@@ -59,7 +59,7 @@ impl Term {
     /// Parameters that are searched or fitted.
     pub(crate) fn freedom(&self) -> usize {
         let fitted = self.columns.iter().filter(|column| column.role != Role::Pinned).count();
-        fitted + self.shape.len()
+        fitted + CATALOGUE.get(self.effect).map_or(self.shape.len(), |effect| effect.searched(&self.shape))
     }
 
     /// The same without what only comes along (a line beside a bend).

@@ -1,7 +1,7 @@
-//! A nonlinear parameter between the shapes that were tried, and how well it is known.
+//! A nonlinear parameter between the shapes that were tried, and how well it is known; columns that hold for parameters of the size found.
 
 use crate::candidates::{Candidates, without};
-use crate::effects::CATALOGUE;
+use crate::effects::{CATALOGUE, Fitted};
 use crate::fit::Design;
 use crate::library::{Library, TermId};
 use crate::screen::Screen;
@@ -20,6 +20,9 @@ pub(crate) fn refine(
 ) -> Vec<TermId> {
     let mut terms = terms.to_vec();
     for index in known..terms.len() {
+        if CATALOGUE[library.terms[terms[index]].effect].is_curved() {
+            terms[index] = straightened(library, &terms, index, blocks);
+        }
         let term = library.terms[terms[index]].clone();
         if !CATALOGUE[term.effect].is_continuous() || term.shape.is_empty() {
             continue;
@@ -52,6 +55,32 @@ pub(crate) fn refine(
     }
     library.prepare(&terms.clone(), &terms);
     terms
+}
+
+/// How often columns are made anew for the parameters that the last ones asked for.
+const STRAIGHTENINGS: usize = 3;
+
+/// The term with columns that hold for the parameters that these blocks ask for.
+fn straightened(library: &mut Library<'_>, terms: &[TermId], index: usize, blocks: &[usize]) -> TermId {
+    let mut terms = terms.to_vec();
+    let others = without(&terms, index);
+    for _ in 0..STRAIGHTENINGS {
+        let term = library.terms[terms[index]].clone();
+        library.prepare(&terms, &terms);
+        let design = Design::new(library, &terms);
+        let parameters = design.solve(blocks);
+        let values = &parameters.as_slice()[design.offsets[index]..design.offsets[index + 1]];
+        let fitted = Fitted { place: term.place, shape: &term.shape, values, sigmas: &[] };
+        let next = CATALOGUE[term.effect].straightened(library.session, &fitted);
+        let Some(next) = next.and_then(|shape| library.term(term.effect, term.place, &shape)) else { break };
+        library.prepare(&[next], &others);
+        let screen = Screen::new(library, &others, blocks);
+        if screen.gain(next) <= screen.gain(terms[index]) {
+            break;
+        }
+        terms[index] = next;
+    }
+    terms[index]
 }
 
 /// First parameters of the tried shapes beside this one.

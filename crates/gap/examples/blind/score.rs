@@ -58,7 +58,7 @@ impl Judged {
 
 /// Effects that act alike on the signal: with one of them missing from the catalogue another is an honest name.
 const NEIGHBOURS: &[&[&str]] = &[
-    &["zero_offset", "drift", "temperature_offset", "creep"],
+    &["zero_offset", "drift", "temperature_offset", "creep", "random_walk", "zero_jumps"],
     &[
         "gain",
         "sensing_axis",
@@ -72,6 +72,8 @@ const NEIGHBOURS: &[&[&str]] = &[
     &["friction", "cable_drag", "torque_ripple"],
     &["link_mass", "payload", "encoder_offset", "base_tilt", "joint_flexibility"],
     &["spikes", "mains_pickup"],
+    &["gain", "temperature_gain", "gain_walk"],
+    &["channel_coupling", "nonlinearity", "product"],
 ];
 
 fn are_neighbours(a: &str, b: &str) -> bool {

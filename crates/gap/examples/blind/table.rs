@@ -77,17 +77,22 @@ fn criteria(outcomes: &[Outcome]) -> String {
         "<= 5 %",
         outside().map(|o| o.findings.iter().any(is_confident)),
     );
+    let is_wrong = |list: &[Judged]| list.iter().any(|f| is_confident(f) && !f.is_neighbour);
+    rows.share(
+        "outside the catalogue: confidently wrong, and no neighbour",
+        "-",
+        outside().map(|o| is_wrong(&o.findings)),
+    );
     rows.share(
         "outside the catalogue: anything named at all",
         "-",
         outside().map(|o| !o.findings.is_empty()),
     );
     let withheld = || outcomes.iter().filter_map(|o| o.withheld.as_ref());
-    let is_wrong = |list: &Vec<Judged>| list.iter().any(|f| is_confident(f) && !f.is_neighbour);
     rows.share(
         "its own effect withheld: confidently wrong (no neighbour)",
         "<= 5 %",
-        withheld().map(is_wrong),
+        withheld().map(|list| is_wrong(list)),
     );
     shrinks(&mut rows, outcomes);
     let mut seconds: Vec<f64> = outcomes.iter().map(|o| o.seconds).collect();

@@ -2,8 +2,8 @@
 //!
 //! The compliance vector of a section is `r [l x R, R]` (Y.-L. Kim, J.-J. Park, J.-B. Song, J. Mech. Sci. Technol. 24(8), 2010); a
 //! small turn or shift adds multiples of the other load components. Of a gauge whose section's load is known, the columns are
-//! the derivatives of that vector by the axis' four numbers, with the scale alongside (an axis that turns loses some of it); an
-//! axis that is far off takes the whole vector. A gauge whose model has no crosstalk at all was never calibrated for any: the zero
+//! the derivatives of that vector by the axis' four numbers, half way to where the axis went: then they make up the whole change to
+//! third order. Tried as well: with the scale alongside, and the whole vector for an axis that is far off. A gauge whose model has no crosstalk at all was never calibrated for any: the zero
 //! that came with such a model has taken up the mean of what crosstalk added, so zeros are fitted alongside the whole vector.
 //! With nothing but load columns given each is a column here.
 
@@ -17,10 +17,14 @@ use crate::session::Gauge;
 /// Crosstalk of loads.
 pub(super) struct SensingAxis;
 
-/// The axis moved a little: turns, shifts, and the scale.
+/// The axis turned and shifted; what follows are the four numbers by which it did, where the columns are to hold for so much.
+const TURNED: f64 = 2.0;
+/// Turns, shifts, and the scale.
 const MOVED: f64 = 0.0;
 /// Any compliance.
 const WHOLE: f64 = 1.0;
+/// Share of a change by which columns may miss it.
+const STRAIGHT_ENOUGH: f64 = 0.01;
 /// How far an axis may be off: rad, rad, m, m.
 const PLAUSIBLE: [f64; 4] = [0.2, 0.2, 0.02, 0.02];
 
@@ -53,12 +57,25 @@ impl Effect for SensingAxis {
         match &session.channels[channel].gauge {
             None => vec![Shape::new()],
             Some(gauge) if is_nominal(gauge) => vec![vec![WHOLE]],
-            Some(_) => vec![vec![MOVED], vec![WHOLE]],
+            Some(_) => vec![vec![TURNED], vec![MOVED], vec![WHOLE]],
         }
     }
 
     fn is_exact(&self) -> bool {
         true
+    }
+
+    fn searched(&self, _shape: &[f64]) -> usize {
+        1
+    }
+
+    fn is_curved(&self) -> bool {
+        true
+    }
+
+    fn straightened(&self, session: &Session, term: &Fitted<'_>) -> Option<Shape> {
+        let Place::Channel(channel) = term.place else { return None };
+        straightened(session.channels[channel].gauge.as_ref()?, term.shape, term.values)
     }
 
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
@@ -80,7 +97,7 @@ impl Effect for SensingAxis {
         let compliance = gauge.compliance + changed_by(&directions, term.values);
         let before = Compliance::from_vector(&gauge.compliance).actual_frame()?;
         let after = Compliance::from_vector(&compliance).actual_frame()?;
-        let are_numbers = term.shape[0] == MOVED && directions.len() > NAMES.len();
+        let are_numbers = term.shape[0] != WHOLE && directions.len() >= NAMES.len();
         let sigmas = are_numbers.then_some(term.sigmas);
         Some(reported(&before, &after, sigmas))
     }
@@ -121,30 +138,44 @@ fn reported(before: &ActualFrame, after: &ActualFrame, sigmas: Option<&[f64]>) -
     values.into_iter().enumerate().map(of).collect()
 }
 
-/// Change of the compliance by a_x, a_y (rad), l_x, l_y (m), and by the scale (per unit).
-fn tangent(compliance: &Vector6<f64>) -> Option<Vec<Vector6<f64>>> {
-    let frame = Compliance::from_vector(compliance).actual_frame()?;
-    let of = |change: &dyn Fn(&mut ActualFrame, f64)| {
+/// A frame whose axis moved by this part of a_x, a_y (rad), l_x, l_y (m).
+fn moved(mut frame: ActualFrame, numbers: &[f64; 4], part: f64) -> ActualFrame {
+    frame.a_x_rad += part * numbers[0];
+    frame.a_y_rad += part * numbers[1];
+    frame.l_x_m += part * numbers[2];
+    frame.l_y_m += part * numbers[3];
+    frame
+}
+
+/// Change of the compliance by each of these four numbers, half way to them.
+fn tangent(compliance: &Vector6<f64>, to: &[f64; 4]) -> Option<[Vector6<f64>; 4]> {
+    let half = moved(Compliance::from_vector(compliance).actual_frame()?, to, 0.5);
+    let of = |number: usize| {
         let step = 1e-6;
-        let at = |sign: f64| {
-            let mut moved = frame;
-            change(&mut moved, sign * step);
-            moved.compliance().vector()
-        };
+        let mut one = [0.0; 4];
+        one[number] = 1.0;
+        let at = |sign: f64| moved(half, &one, sign * step).compliance().vector();
         (at(1.0) - at(-1.0)) / (2.0 * step)
     };
-    Some(vec![
-        of(&|frame, step| frame.a_x_rad += step),
-        of(&|frame, step| frame.a_y_rad += step),
-        of(&|frame, step| frame.l_x_m += step),
-        of(&|frame, step| frame.l_y_m += step),
-        *compliance,
-    ])
+    Some([0, 1, 2, 3].map(of))
 }
 
 /// Whether its model knows of no crosstalk: nothing but the moment about the nominal axis.
 fn is_nominal(gauge: &Gauge) -> bool {
     (0..5).all(|k| gauge.compliance[k] == 0.0)
+}
+
+/// The shape whose columns make up the whole change by these numbers, where those of this one do not.
+fn straightened(gauge: &Gauge, shape: &[f64], numbers: &[f64]) -> Option<Shape> {
+    let to: &[f64; 4] = numbers.try_into().ok().filter(|_| shape.first() == Some(&TURNED))?;
+    let before = Compliance::from_vector(&gauge.compliance).actual_frame()?;
+    let change = moved(before, to, 1.0).compliance().vector() - gauge.compliance;
+    let missed = change - changed_by(&directions(gauge, shape), numbers);
+    let size = |change: Vector6<f64>| {
+        let force = change.fixed_rows::<3>(0).norm() * model::sensing::CHARACTERISTIC_LENGTH_M;
+        force.hypot(change.fixed_rows::<3>(3).norm())
+    };
+    (size(missed) > STRAIGHT_ENOUGH * size(change)).then(|| [&[TURNED][..], numbers].concat())
 }
 
 fn components() -> Vec<Vector6<f64>> {
@@ -185,7 +216,13 @@ impl Direction {
 
 /// The ways of a shape, in the order of its columns.
 fn directions(gauge: &Gauge, shape: &[f64]) -> Vec<Direction> {
-    let all = if shape[0] == MOVED { tangent(&gauge.compliance).unwrap_or_default() } else { components() };
+    let to = shape.get(1..).and_then(|to| to.try_into().ok()).unwrap_or_default();
+    let turns = || tangent(&gauge.compliance, &to).map(Vec::from).unwrap_or_default();
+    let all = match shape[0] {
+        TURNED => turns(),
+        MOVED => turns().into_iter().chain([gauge.compliance]).collect(),
+        _ => components(),
+    };
     let of = |(number, change): (usize, Vector6<f64>)| {
         let is_loaded = gauge.loads.iter().any(|load| change.dot(load) != 0.0);
         is_loaded.then_some(Direction { number, change })
@@ -216,4 +253,36 @@ fn of_loads(session: &Session, channel: usize) -> Vec<Column> {
 fn is_same(a: &[f64], b: &[f64]) -> bool {
     let tolerance = 1e-9 * a.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= tolerance)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{SMatrix, Vector4};
+
+    use super::*;
+
+    #[test]
+    fn an_axis_that_turned_far_is_found_by_its_four_numbers_alone() {
+        let compliance = Vector6::new(20.0, -310.0, 0.0, 8e3, 1.6e4, 1.6e5);
+        let frame = Compliance::from_vector(&compliance).actual_frame().unwrap();
+        let compliance = frame.compliance().vector();
+        let gauge = Gauge { compliance, bias_counts: 0.0, loads: components(), temperature_c: None };
+        let put_in = [0.25, -0.15, 0.05, -0.08];
+        let change = moved(frame, &put_in, 1.0).compliance().vector() - compliance;
+        let mut shape = vec![TURNED];
+        let mut misses = Vec::new();
+        loop {
+            let ways = directions(&gauge, &shape);
+            let ways = SMatrix::<f64, 6, 4>::from_fn(|r, c| ways[c].change[r]);
+            let numbers: Vector4<f64> = ways.svd(true, true).solve(&change, 0.0).unwrap_or_default();
+            misses.push((change - ways * numbers).norm() / change.norm());
+            let Some(next) = straightened(&gauge, &shape, numbers.as_slice()) else {
+                assert!((numbers - Vector4::from(put_in)).amax() < 0.01, "{numbers}");
+                break;
+            };
+            shape = next;
+            assert!(misses.len() < 8, "{misses:?}");
+        }
+        assert!(misses[0] > 0.05 && misses.last().is_some_and(|miss| *miss < 0.005), "{misses:?}");
+    }
 }

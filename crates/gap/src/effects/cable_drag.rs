@@ -28,8 +28,20 @@ impl Effect for CableDrag {
     }
 
     fn shapes(&self, session: &Session, _place: Place) -> Vec<Shape> {
-        let is_of_gauges = session.channels.iter().any(|channel| channel.gauge.is_some());
-        if is_of_gauges { vec![vec![STRAIGHT], vec![STIFFENING]] } else { vec![vec![STRAIGHT]] }
+        let mut shapes = vec![vec![0.0, STRAIGHT]];
+        if session.channels.iter().any(|channel| channel.gauge.is_some()) {
+            shapes.extend(SLACK_RAD.map(|slack_rad| vec![slack_rad, BENT]));
+            shapes.push(vec![0.0, STIFFENING]);
+        }
+        shapes
+    }
+
+    fn is_continuous(&self) -> bool {
+        true
+    }
+
+    fn searched(&self, shape: &[f64]) -> usize {
+        if shape[1] == BENT { 2 } else { 1 }
     }
 
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
@@ -43,15 +55,16 @@ impl Effect for CableDrag {
         for (channel, per_nm) in moment_channels(session, joint) {
             let per_nm = relief(session, channel) * per_nm;
             let plausible = 3.0 * session.channels[channel].rms_gap() / per_nm.abs() / span;
-            let turned = moving.position_rad.iter().map(|q| per_nm * q).collect();
+            let kappa = if shape[1] == BENT { STIFFER_PER_RAD2 } else { 0.0 };
+            let bent = moving.position_rad.iter().map(|q| q - shape[0]);
+            let turned = bent.map(|bent| per_nm * bent * (1.0 + kappa * bent * bent)).collect();
             columns.push(
                 Column::value("nm_per_rad", "Nm/rad", plausible, channel, turned).braking(session, channel),
             );
-            if shape[0] == STIFFENING {
+            if shape[1] == STIFFENING {
                 let unit = &session.channels[channel].unit;
-                let cubes = moving.position_rad.iter().map(|q| per_nm * q.powi(3)).collect();
-                let rows = vec![per_nm; session.rows()];
-                for (values, power) in [(rows, 0), (cubes, 3)] {
+                for power in [0, 2, 3] {
+                    let values = moving.position_rad.iter().map(|q| per_nm * q.powi(power)).collect();
                     let size = plausible * span / span.powi(power);
                     columns.push(Column::value("", unit, size, channel, values).role(Role::Nuisance));
                 }
@@ -67,5 +80,10 @@ impl Effect for CableDrag {
 
 /// A spring that is slack where the joint stands at zero.
 const STRAIGHT: f64 = 0.0;
-/// Slack elsewhere, and stiffer the more it is bent.
+/// Slack elsewhere, and stiffer the more it is bent, by any third-order law.
 const STIFFENING: f64 = 1.0;
+/// Slack elsewhere, and stiffer by as much as cables are: `k d (1 + 0.3 d^2)`.
+const BENT: f64 = 2.0;
+const STIFFER_PER_RAD2: f64 = 0.3;
+/// Where a cable may be slack.
+const SLACK_RAD: [f64; 5] = [-1.2, -0.6, 0.0, 0.6, 1.2];

@@ -247,6 +247,21 @@ pub trait Effect: Sync {
         false
     }
 
+    /// How many of a shape's numbers are searched for.
+    fn searched(&self, shape: &[f64]) -> usize {
+        shape.len()
+    }
+
+    /// Whether its columns hold for small parameters only, so that larger ones have to be asked for by [`Effect::straightened`].
+    fn is_curved(&self) -> bool {
+        false
+    }
+
+    /// The shape whose columns hold for parameters of this size, where the term's own do not.
+    fn straightened(&self, _session: &Session, _term: &Fitted<'_>) -> Option<Shape> {
+        None
+    }
+
     /// Whether its form is the physics itself, so that nothing is left of it where its parameters are right.
     fn is_exact(&self) -> bool {
         false

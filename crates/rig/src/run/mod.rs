@@ -164,6 +164,8 @@ fn no_run(dir: &Path) -> RigError {
         "holds a comparison, not a run; only `wrenchctl diagnose` takes it"
     } else if dir.is_dir() {
         "has no run.toml; give a run directory (run.toml with its log beside it)"
+    } else if dir.extension().is_some_and(|extension| extension == "toml") && dir.exists() {
+        "is not a run directory; give the folder that it is in"
     } else if dir.exists() {
         "is not a run directory; give the folder that run.toml is in"
     } else {
