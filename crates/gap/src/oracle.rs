@@ -5,7 +5,7 @@
 
 use crate::attribute::{Chosen, Subsets};
 use crate::bootstrap::Bootstrap;
-use crate::candidates::{Candidates, sum_of_difference};
+use crate::candidates::Candidates;
 use crate::effects::{CATALOGUE, Place, by_id};
 use crate::folds;
 use crate::library::{Library, TermId};
@@ -16,8 +16,8 @@ use crate::session::Session;
 
 /// Rounds in which every effect takes its best shape beside the others.
 const ROUNDS: usize = 2;
-/// Share of what a shape explains by which another must explain more.
-const HARDLY: f64 = 0.01;
+/// Share of draws in which a shape with more parameters may fail to be better.
+const DOUBT: f64 = 0.05;
 
 /// Share of the reducible gap that goes away with these effects at these places, their parameters fitted on the same folds as in
 /// [`crate::diagnose`]; none where they do not show in this data.
@@ -65,7 +65,6 @@ impl Search<'_, '_, '_> {
     /// Every candidate at its place, with the shape that leaves least of what was left out.
     fn given(&mut self, rounds: usize) -> Vec<TermId> {
         let sites: Vec<Vec<TermId>> = self.candidates.iter().map(|(_, shapes)| shapes.to_vec()).collect();
-        let nothing = self.choice(Vec::new());
         let mut best = self.choice(sites.iter().map(|shapes| shapes[0]).collect());
         for _ in 0..rounds {
             for (index, shapes) in sites.iter().enumerate() {
@@ -73,9 +72,14 @@ impl Search<'_, '_, '_> {
                     let mut terms = best.terms.clone();
                     terms[index] = shape;
                     let other = self.choice(terms);
-                    // Shapes stand in the order of their parameters: a wider one that is hardly better fails on another motion.
-                    let hardly = HARDLY * sum_of_difference(&nothing, &best).max(0.0);
-                    best = if sum_of_difference(&best, &other) > hardly { other } else { best };
+                    let gains: Vec<f64> =
+                        best.residual.iter().zip(&other.residual).map(|(a, b)| a - b).collect();
+                    let freedom = |id: TermId| self.library.terms[id].freedom();
+                    // One with more parameters that is hardly better fails on another motion.
+                    let doubt = if freedom(shape) > freedom(best.terms[index]) { DOUBT } else { 0.5 };
+                    if self.bootstrap.quantile_of_sum(&gains, doubt) > 0.0 {
+                        best = other;
+                    }
                 }
             }
             best = self.refined(best, 0);
