@@ -14,6 +14,7 @@ use can::socket::{SocketOptions, SocketSender, SocketSource};
 use can::source::{Batch, Event, Source};
 use nix::sys::signal::Signal;
 use socketcan::{CanSocket, Socket};
+use wrenchd::station::EVENTS_PER_TURN;
 use wrenchd_tests::candump;
 use wrenchd_tests::guest::Guest;
 use wrenchd_tests::machine::{self, Job, Machine};
@@ -128,7 +129,7 @@ fn ours() -> Check<f64> {
     let options = SocketOptions { receive_buffer: BUFFER, ..SocketOptions::default() };
     let mut source = SocketSource::open(&[("vcan0", options)])?;
     fill()?;
-    let (mut batch, mut frames) = (Batch::new(256), 0);
+    let (mut batch, mut frames) = (Batch::new(EVENTS_PER_TURN), 0);
     let begun = Instant::now();
     while frames < FRAMES {
         source.poll(&mut batch, STEP)?;

@@ -13,7 +13,7 @@ use super::wire::{self, FD_MTU};
 use crate::frame::{CanId, Frame};
 
 /// Most frames a system call
-pub(super) const BATCH: usize = 128;
+pub(super) const BATCH: usize = 256;
 /// As many as a wrench takes, and a few more
 const FEW: usize = 8;
 /// Room for a stamp (32 bytes with its header) and a drop count (24)
