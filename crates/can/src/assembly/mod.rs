@@ -228,10 +228,15 @@ impl Assembler {
             self.rhythm.open(&self.streams[first], stamp_ns);
         }
         let counted = self.cycles.place().is_some();
+        if counted {
+            self.rhythm.bear_out(&self.streams[first], stamp_ns);
+        }
+        let is_borne_out = !self.cycles.count() || self.rhythm.is_borne_out();
         for number in 0..self.streams.len() {
             if std::mem::take(&mut self.streams[number].hit) {
                 let stream = &mut self.streams[number];
-                if !counted && !stream.goes_on(self.round) && !self.rhythm.is_in_place(stream, stamp_ns) {
+                let is_placed = is_borne_out && self.rhythm.is_well_in_place(stream, stamp_ns);
+                if !counted && !stream.goes_on(self.round) && !is_placed {
                     stream.misplace(self.round);
                 }
                 stream.arrive(self.round, stamp_ns);

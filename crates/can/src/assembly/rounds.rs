@@ -199,6 +199,9 @@ pub(super) struct Rhythm {
     untypical_since_ns: Option<i64>,
     /// Whether the open round began about a period after the last
     in_time: bool,
+    /// Whether any frame of the open round whose cycle was counted came in its place, once there was one; and whether the round before was borne out
+    counted_in_place: Option<bool>,
+    borne_out_before: bool,
     /// Latest stamp of any message that is waited for
     last_any_ns: Option<i64>,
     /// Start of the round that is open, else of the last one
@@ -288,6 +291,26 @@ impl Rhythm {
     /// Whether a frame comes where its message is expected in the open round
     pub(super) fn is_in_place(&self, stream: &Stream, stamp_ns: i64) -> bool {
         self.in_step() && self.cycles_ahead(stream, stamp_ns) == Some(0)
+    }
+
+    /// Whether it comes there as closely as its message usually does: one that was held back by more than half a cycle is nearer to the next
+    /// round's place than to its own, but not in it
+    pub(super) fn is_well_in_place(&self, stream: &Stream, stamp_ns: i64) -> bool {
+        let place = stream.phase_ns.zip(self.origin_ns).map(|(phase, origin)| phase + origin);
+        let near = |place: i64| ((stamp_ns - place).abs() as f64) < self.scatters_up_to_ns();
+        self.in_step() && place.is_some_and(near)
+    }
+
+    /// A frame whose cycle was counted joins the open round
+    pub(super) fn bear_out(&mut self, stream: &Stream, stamp_ns: i64) {
+        let in_place = self.is_well_in_place(stream, stamp_ns);
+        self.counted_in_place = Some(in_place || self.counted_in_place == Some(true));
+    }
+
+    /// Whether the open round is where the boards' cycle is by more than the places of frames that nobody counts: those may all be a cycle late and in
+    /// step with each other
+    pub(super) fn is_borne_out(&self) -> bool {
+        self.counted_in_place.unwrap_or(self.borne_out_before && self.in_time)
     }
 
     /// Whether a frame follows the last one of its message by less than half a period
@@ -383,6 +406,8 @@ impl Rhythm {
     pub(super) fn open(&mut self, stream: &Stream, stamp_ns: i64) {
         let origin = stamp_ns - stream.phase_ns.unwrap_or(0);
         let since = self.origin_ns.map(|before| (origin - before) as f64);
+        self.borne_out_before = self.is_borne_out();
+        self.counted_in_place = None;
         self.in_time =
             since.zip(self.period_ns).is_none_or(|(since, period)| 4.0 * (since - period).abs() < period);
         self.followed_on = self.origin_ns.is_some() && !self.long_since(stamp_ns);

@@ -74,14 +74,20 @@ impl Bank {
     /// Variance of a position (rad^2) that the filter for the strongest snap expects, read at a time that is uncertain by `jitter_s`.
     pub(super) fn boldest_variance(&self, variance_rad2: f64, jitter_s: f64) -> f64 {
         let of = |values: &f64x8| values.as_array()[MODELS - 1];
-        let smear_rad = of(&self.states.mean[1]) / UNIT_S * jitter_s;
-        of(&self.states.covariance[0]) + variance_rad2 + smear_rad * smear_rad
+        of(&(self.states.covariance[0] + self.smear_rad2((jitter_s / UNIT_S).powi(2)))) + variance_rad2
+    }
+
+    /// Variance of a position (rad^2), each filter's, by the time at which it was read, of this variance (inner units): as far as
+    /// velocity and, where a joint reverses, acceleration carry it.
+    fn smear_rad2(&self, time2: f64) -> f64x8 {
+        let [_, velocity, acceleration, _] = self.states.mean;
+        velocity * velocity * time2 + acceleration * acceleration * (0.5 * time2 * time2.max(0.0))
     }
 
     /// Lets each filter take in a position (rad) whose own sampling instant is uncertain by `jitter_s`: at speed it counts for less.
     pub(super) fn measure_position(&mut self, position_rad: f64, variance_rad2: f64, jitter_s: f64) {
-        let smear_rad = self.states.mean[1] * (jitter_s / UNIT_S);
-        self.measure::<0>(position_rad, smear_rad * smear_rad + variance_rad2);
+        let smear_rad2 = self.smear_rad2((jitter_s / UNIT_S).powi(2));
+        self.measure::<0>(position_rad, smear_rad2 + variance_rad2);
     }
 
     /// Lets each filter take in a velocity, rad/s.

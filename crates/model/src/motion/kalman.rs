@@ -58,10 +58,12 @@ impl State {
         self
     }
 
-    /// Takes in a position whose own sampling instant is uncertain by `sigma_s`: at speed it counts for less.
+    /// Takes in a position whose own sampling instant is uncertain by `sigma_s`: at speed, and where the joint reverses, it counts
+    /// for less.
     pub(super) fn measure_position(&mut self, value: f64, variance: f64, sigma_s: f64) -> f64 {
-        let smear = self.mean[1] / UNIT_S * sigma_s;
-        self.measure(0, value, variance + smear * smear)
+        let time2 = (sigma_s / UNIT_S).powi(2);
+        let smear = self.mean[1].powi(2) * time2 + 0.5 * (self.mean[2] * time2).powi(2);
+        self.measure(0, value, variance + smear)
     }
 
     /// Takes in a measurement of one state; returns the log-likelihood of what was measured.

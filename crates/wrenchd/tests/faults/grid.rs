@@ -354,6 +354,21 @@ fn what_comes_of_the_bus_with_many_seeds() {
     assert_eq!(total, 0, "wrong but valid");
 }
 
+/// Joint frames that nobody counts, held back by more than half a cycle, open rounds that are in step with each other but a cycle late: seeds in which
+/// their readings were once believed.
+#[test]
+fn rounds_that_late_joint_frames_opened_are_not_believed() {
+    let (rate_hz, delay_s) = (125.0, Some(0.024));
+    let rig = rig_with(PublishMode::Event, Filter { cutoff_hz: None, delay_s });
+    let frames = timed(&rig, rate_hz, true);
+    let mut world = simulator(&rig, rate_hz, true);
+    let (_, late) = of_the_bus().into_iter().find(|(name, _)| name == "5 ms late 10 %").unwrap();
+    for seed in [2037, 2091, 3003, 3024] {
+        let row = run(&rig, &frames, &mut world, &late, seed);
+        assert!(row.wrong == 0 && row.records > 10 * row.invalid, "{seed}: {row:?}");
+    }
+}
+
 #[test]
 fn what_comes_of_every_fault_at_every_rate() {
     let mut text = String::new();

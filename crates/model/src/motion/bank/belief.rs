@@ -22,8 +22,7 @@ impl Bank {
     fn innovations(&self, position_rad: f64, variance_rad2: f64, time2: f64) -> (f64x8, f64x8) {
         let own = f64x8::splat(variance_rad2);
         let off_rad = f64x8::splat(position_rad) - self.states.mean[0];
-        let smear_rad2 = self.states.mean[1] * self.states.mean[1] * f64x8::splat(time2);
-        (off_rad * off_rad, (self.states.covariance[0] + own + smear_rad2).max(own))
+        (off_rad * off_rad, (self.states.covariance[0] + own + self.smear_rad2(time2)).max(own))
     }
 
     /// Whether a position is no farther out than so many standard deviations make unlikely, by the filters that are believed and by the
