@@ -3,13 +3,13 @@
 use crate::attribute::{self, Chosen};
 use crate::bootstrap::Bootstrap;
 use crate::candidates::{Candidates, Choice, Training};
-use crate::diagnosis::{Diagnosis, Evidence, NotTestable};
+use crate::diagnosis::{Diagnosis, Finding, NotTestable};
 use crate::effects::{CATALOGUE, Place, by_id};
 use crate::establish::{Ground, Kept, add_events};
 use crate::folds;
 use crate::generic::Generic;
-use crate::library::{Library, TermId};
-use crate::location;
+use crate::library::{Library, Term, TermId};
+use crate::location::{self, Located};
 use crate::loops;
 use crate::measure::Measure;
 use crate::refine::refine;
@@ -82,60 +82,97 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
         trainings: &trainings,
         generic: generic.as_ref(),
     };
-    let subsets = kept.establish(&mut library, &mut chosen, &ground);
-    let Kept { terms, effects, mut notes } = kept;
-    let mut search =
-        Search { library: &mut library, candidates: &candidates, training: &training, bootstrap: &bootstrap };
-    let main = search.choice(terms);
-    let mut located = location::locate(search.library, &chosen);
-    let measure = Measure::new(search.library, &subsets, &chosen, &located.floors, &bootstrap);
-    let mut findings = Vec::with_capacity(effects.len());
-    for (bit, &effect) in effects.iter().enumerate() {
-        let rivals = attribute::rivals(&mut search, &main, effect);
-        let mut finding = attribute::describe(search.library, &main.terms, effect, &training.blocks);
-        let value = subsets.shapley(bit);
-        (finding.share, finding.share_ci95) = measure.share(&value);
-        let own = main.terms.iter().map(|id| &search.library.terms[*id]).filter(|term| term.effect == effect);
-        let channels: BTreeSet<usize> = own.flat_map(|term| term.channels.clone()).collect();
-        finding.evidence = Evidence { chosen: often(&own_effects, effect), ..rivals.evidence };
-        let is_event = main
-            .terms
-            .iter()
-            .map(|id| &search.library.terms[*id])
-            .any(|term| term.effect == effect && term.is_event());
-        finding.evidence.see(&located.location.sensors, &channels);
-        let others = remainder::without(&chosen, |id| search.library.terms[id].effect == effect);
-        let others = location::residuals(search.library, &others);
-        finding.evidence.see_each(&location::falls(&others, &located.left, &channels));
-        if let Some(generic) = &generic {
-            let channels: Vec<usize> = channels.into_iter().collect();
-            finding.evidence.generic =
-                generic.lead(session, &channels, &located.left, &bootstrap, is_event).weight();
+    loop {
+        let subsets = kept.establish(&mut library, &mut chosen, &ground);
+        let mut search = Search {
+            library: &mut library,
+            candidates: &candidates,
+            training: &training,
+            bootstrap: &bootstrap,
+        };
+        let main = search.choice(kept.terms.clone());
+        let mut located = location::locate(search.library, &chosen);
+        let measure = Measure::new(search.library, &subsets, &chosen, &located.floors, &bootstrap);
+        let mut findings = Vec::with_capacity(kept.effects.len());
+        for (bit, &effect) in kept.effects.iter().enumerate() {
+            let mut finding = finding(&mut search, &main, effect, &chosen, &located, &ground);
+            (finding.share, finding.share_ci95) = measure.share(&subsets.shapley(bit));
+            finding.evidence.chosen = often(&own_effects, effect);
+            finding.words = words::of_finding(&finding, effect, place(search.library, &main, effect));
+            findings.push(finding);
         }
-        finding.confidence = finding.evidence.confidence();
-        finding.indistinguishable_from =
-            rivals.indistinguishable.iter().map(|rival| CATALOGUE[*rival].id().to_owned()).collect();
-        attribute::order(&mut finding.sensors, &located.location.sensors);
-        let place = main.terms.iter().map(|id| &search.library.terms[*id]).find(|term| term.effect == effect);
-        finding.words = words::of_finding(&finding, effect, place.map_or(Place::Base, |term| term.place));
-        findings.push(finding);
+        if !measure.surely_shrinks()
+            && let Some(bit) = least_likely(&findings)
+        {
+            kept.leave_out(&library, &mut chosen, bit);
+            continue;
+        }
+        findings.sort_by(|a, b| b.share.total_cmp(&a.share));
+        located.location.loops = loops::of(session, &findings, &located.left);
+        step();
+        let verdict = measure.verdict();
+        kept.notes.extend(measure.note());
+        return Diagnosis {
+            format: 1,
+            verdict,
+            next_experiment: words::next_experiment(session, verdict, &findings, &not_testable(session)),
+            not_testable: not_testable(session),
+            gap: measure.gap(located.raw),
+            findings,
+            location: located.location,
+            hold_out: session.hold_out.words.clone(),
+            notes: kept.notes,
+        };
     }
-    findings.sort_by(|a, b| b.share.total_cmp(&a.share));
-    located.location.loops = loops::of(session, &findings, &located.left);
-    step();
-    let verdict = measure.verdict();
-    notes.extend(measure.note());
-    Diagnosis {
-        format: 1,
-        verdict,
-        next_experiment: words::next_experiment(session, verdict, &findings, &not_testable(session)),
-        not_testable: not_testable(session),
-        gap: measure.gap(located.raw),
-        findings,
-        location: located.location,
-        hold_out: session.hold_out.words.clone(),
-        notes,
+}
+
+/// A finding rather wrong than right goes where the shrink as a whole is not certain.
+const LIKELY: f64 = 0.5;
+
+/// The finding that is least likely right, if that is less than half.
+fn least_likely(findings: &[Finding]) -> Option<usize> {
+    let least =
+        (0..findings.len()).min_by(|a, b| findings[*a].confidence.total_cmp(&findings[*b].confidence))?;
+    (findings[least].confidence < LIKELY).then_some(least)
+}
+
+/// What was found of one effect; its share and words are still to be told.
+fn finding(
+    search: &mut Search<'_, '_, '_>,
+    main: &Choice,
+    effect: usize,
+    chosen: &[Chosen],
+    located: &Located,
+    ground: &Ground<'_>,
+) -> Finding {
+    let rivals = attribute::rivals(search, main, effect);
+    let mut finding = attribute::describe(search.library, &main.terms, effect, &ground.training.blocks);
+    let terms = &search.library.terms;
+    let own = || main.terms.iter().map(|id| &terms[*id]).filter(|term| term.effect == effect);
+    let channels: BTreeSet<usize> = own().flat_map(|term| term.channels.clone()).collect();
+    let is_event = own().any(Term::is_event);
+    finding.evidence = rivals.evidence;
+    finding.evidence.see(&located.location.sensors, &channels);
+    let others = remainder::without(chosen, |id| terms[id].effect == effect);
+    let others = location::residuals(search.library, &others);
+    finding.evidence.see_each(&location::falls(&others, &located.left, &channels));
+    if let Some(generic) = ground.generic {
+        let channels: Vec<usize> = channels.into_iter().collect();
+        let session = search.library.session;
+        let lead = generic.lead(session, &channels, &located.left, ground.bootstrap, is_event);
+        finding.evidence.generic = lead.weight();
     }
+    finding.confidence = finding.evidence.confidence();
+    finding.indistinguishable_from =
+        rivals.indistinguishable.iter().map(|rival| CATALOGUE[*rival].id().to_owned()).collect();
+    attribute::order(&mut finding.sensors, &located.location.sensors);
+    finding
+}
+
+/// Where the first of an effect's terms sits.
+fn place(library: &Library<'_>, main: &Choice, effect: usize) -> Place {
+    let mut terms = main.terms.iter().map(|id| &library.terms[*id]);
+    terms.find(|term| term.effect == effect).map_or(Place::Base, |term| term.place)
 }
 
 /// Share of these choices that hold an effect.

@@ -79,6 +79,18 @@ impl Kept {
         }
     }
 
+    /// Takes an effect away that is rather wrong than right, where nothing is certain to shrink.
+    pub(crate) fn leave_out(&mut self, library: &Library<'_>, chosen: &mut [Chosen], bit: usize) {
+        let effect = self.effects.remove(bit);
+        let others = |id: &TermId| library.terms[*id].effect != effect;
+        self.terms.retain(others);
+        chosen.iter_mut().for_each(|part| part.terms.retain(others));
+        self.notes.push(format!(
+            "{} is as likely not there: nothing is certain to shrink by it",
+            CATALOGUE[effect].id()
+        ));
+    }
+
     /// Takes one effect (or what is outdone) away, and says why; whether there was one.
     fn drops(
         &mut self,

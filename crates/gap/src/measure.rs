@@ -133,6 +133,11 @@ impl<'a> Measure<'a> {
         (self.reducible() > 0.0).then(|| self.removed().iter().sum::<f64>() / self.reducible())
     }
 
+    /// Whether the interval of the shrink holds shrinks only.
+    pub(crate) fn surely_shrinks(&self) -> bool {
+        self.shrink().is_none_or(|shrink| self.shrink_interval(shrink)[0] > 0.0)
+    }
+
     /// What it comes to.
     pub(crate) fn verdict(&self) -> Verdict {
         let Some(shrink) = self.shrink() else { return Verdict::NoGap };
