@@ -178,7 +178,7 @@ impl Kept {
 }
 
 /// What exists in one unit only (a contact, a limit that is reached) cannot be chosen where that unit is left out: there it is
-/// taken from the choice on everything, and its size from the unit's even seconds.
+/// taken from the choice on everything, and its size from the unit's even seconds, as a shape is that was read off all readings' even seconds.
 pub(crate) fn add_events(library: &mut Library<'_>, main: &Choice, chosen: &mut [Chosen]) {
     let units = &library.session.hold_out.unit_of_block;
     for part in chosen {
@@ -192,8 +192,11 @@ pub(crate) fn add_events(library: &mut Library<'_>, main: &Choice, chosen: &mut 
                 (other.effect, other.place) == (term.effect, term.place)
             };
             let is_unseen = own.any(|unit| left_out.contains(&unit)) || !library.shows(*id, &part.fold.fit);
-            if is_unseen && !part.terms.iter().any(site) {
-                part.terms.push(*id);
+            match part.terms.iter().position(site) {
+                None if is_unseen => part.terms.push(*id),
+                // The other of two limits may be reached in what was left out only.
+                Some(known) if CATALOGUE[term.effect].is_read_off(&term.shape) => part.terms[known] = *id,
+                _ => {}
             }
         }
         library.prepare(&part.terms, &part.terms);

@@ -34,7 +34,11 @@ pub fn oracle(session: &Session, put_in: &[(&str, Place)]) -> Option<f64> {
     for fold in folds::outer(&session.hold_out) {
         let own = given(&mut library, &candidates, &bootstrap, &fold.fit);
         // A limit that is not reached without the left-out unit is taken from all data, as in a diagnosis.
-        let seen = |(own, main): (TermId, &TermId)| if library.shows(*main, &fold.fit) { own } else { *main };
+        let is_own = |main: TermId| {
+            let term = &library.terms[main];
+            library.shows(main, &fold.fit) && !CATALOGUE[term.effect].is_read_off(&term.shape)
+        };
+        let seen = |(own, main): (TermId, &TermId)| if is_own(*main) { own } else { *main };
         let terms: Vec<TermId> = own.into_iter().zip(&main).map(seen).collect();
         library.prepare(&terms, &terms);
         chosen.push(Chosen { fold, terms });

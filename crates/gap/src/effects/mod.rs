@@ -262,6 +262,11 @@ pub trait Effect: Sync {
         None
     }
 
+    /// Whether a shape is read off the even seconds' readings of every unit, so that parts which were not fitted on some of them may have it, too.
+    fn is_read_off(&self, _shape: &[f64]) -> bool {
+        false
+    }
+
     /// Whether its form is the physics itself, so that nothing is left of it where its parameters are right.
     fn is_exact(&self) -> bool {
         false

@@ -44,6 +44,10 @@ impl Effect for Saturation {
         true
     }
 
+    fn is_read_off(&self, shape: &[f64]) -> bool {
+        shape.len() == 2
+    }
+
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let own = &session.channels[channel];
