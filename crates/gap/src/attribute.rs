@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::bootstrap::{Bootstrap, quantile, weighted};
-use crate::candidates::{Choice, sum_of_difference, without};
+use crate::candidates::{Choice, differences, sum_of_difference, without};
 use crate::diagnosis::{Evidence, Finding, Parameter, SensorGap};
 use crate::doubt::exceeds;
 use crate::effects::{CATALOGUE, Fitted, Place, Role};
@@ -209,15 +209,15 @@ fn lead_sigmas(leads: &[f64]) -> f64 {
 
 /// Whether `other` leaves less than `main` by more than the calibration's own errors may do, nearly however blocks are drawn.
 fn is_better(search: &Search<'_, '_, '_>, main: &Choice, other: &Choice, gain: f64) -> bool {
-    let ahead: Vec<f64> = main.residual.iter().zip(&other.residual).map(|(a, b)| a - b).collect();
+    let ahead = differences(main, other);
     ahead.iter().sum::<f64>() > NOTHING * gain && search.bootstrap.quantile_of_sum(&ahead, BETTER) > 0.0
 }
 
 /// Whether `other` reaches (nearly) the gain of `main`. Where noise is not known, what is left is what both forms lack: they are not told
 /// apart by less than that.
 fn is_as_good(search: &Search<'_, '_, '_>, main: &Choice, other: &Choice, gain: f64) -> bool {
-    let lacks = sum_of_difference(other, main);
-    let behind: Vec<f64> = other.residual.iter().zip(&main.residual).map(|(a, b)| a - b).collect();
+    let behind = differences(other, main);
+    let lacks: f64 = behind.iter().sum();
     let is_noise_known = !search.library.session.hold_out.is_even.is_empty();
     let is_unclear = || {
         (!is_noise_known && lacks <= main.residual.iter().sum())

@@ -69,9 +69,14 @@ pub(crate) struct Choice {
     pub(crate) residual: Vec<f64>,
 }
 
-/// How much less `next` leaves than `now`.
+/// How much less `next` leaves than `now`, per left-out block.
+pub(crate) fn differences(now: &Choice, next: &Choice) -> Vec<f64> {
+    now.residual.iter().zip(&next.residual).map(|(a, b)| a - b).collect()
+}
+
+/// The same of all blocks.
 pub(crate) fn sum_of_difference(now: &Choice, next: &Choice) -> f64 {
-    now.residual.iter().zip(&next.residual).map(|(a, b)| a - b).sum()
+    differences(now, next).iter().sum()
 }
 
 pub(crate) fn without(terms: &[TermId], index: usize) -> Vec<TermId> {

@@ -5,7 +5,7 @@
 
 use crate::attribute::{Chosen, Subsets};
 use crate::bootstrap::Bootstrap;
-use crate::candidates::Candidates;
+use crate::candidates::{Candidates, differences};
 use crate::effects::{CATALOGUE, Place, by_id};
 use crate::folds;
 use crate::library::{Library, TermId};
@@ -76,8 +76,7 @@ impl Search<'_, '_, '_> {
                     let mut terms = best.terms.clone();
                     terms[index] = shape;
                     let other = self.choice(terms);
-                    let gains: Vec<f64> =
-                        best.residual.iter().zip(&other.residual).map(|(a, b)| a - b).collect();
+                    let gains = differences(&best, &other);
                     let freedom = |id: TermId| self.library.terms[id].freedom();
                     // One with more parameters that is hardly better fails on another motion.
                     let doubt = if freedom(shape) > freedom(best.terms[index]) { DOUBT } else { 0.5 };

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::attribute::Chosen;
 use crate::bootstrap::Bootstrap;
-use crate::candidates::{Candidates, Choice, Training, sum_of_difference, without};
+use crate::candidates::{Candidates, Choice, Training, differences, sum_of_difference, without};
 use crate::doubt::exceeds;
 use crate::effects::Place;
 use crate::fit::{Design, Fold};
@@ -196,7 +196,7 @@ impl Search<'_, '_, '_> {
         most: f64,
         unclear: f64,
     ) -> bool {
-        let behind: Vec<f64> = other.residual.iter().zip(&best.residual).map(|(a, b)| a - b).collect();
+        let behind = differences(other, best);
         most - gains <= self.equally_good(most)
             || (most - gains <= unclear * most && self.bootstrap.quantile_of_sum(&behind, 0.05) <= 0.0)
     }
@@ -232,7 +232,7 @@ impl Search<'_, '_, '_> {
     fn moved(&mut self, mut choice: Choice) -> Choice {
         for index in 0..choice.terms.len() {
             let Some(other) = self.elsewhere(&choice, index) else { continue };
-            let gains: Vec<f64> = choice.residual.iter().zip(&other.residual).map(|(a, b)| a - b).collect();
+            let gains = differences(&choice, &other);
             let is_simple = self.extent(&other.terms) <= self.extent(&choice.terms);
             let doubt = if is_simple { 0.5 } else { DOUBT_OF_PLACE };
             if self.bootstrap.quantile_of_sum(&gains, doubt) > 0.0 && self.is_plausible(&other) {
@@ -349,7 +349,7 @@ impl Search<'_, '_, '_> {
 
     /// Whether `next` is better than `now` on what was left out: by a practical minimum, beyond doubt and in most folds.
     pub(crate) fn improves(&self, now: &Choice, next: &Choice, news: News, reducible: f64) -> bool {
-        let mut gains: Vec<f64> = now.residual.iter().zip(&next.residual).map(|(a, b)| a - b).collect();
+        let mut gains = differences(now, next);
         let mut terms = now.terms.iter().chain(&next.terms);
         if terms.any(|id| self.library.terms[*id].is_event()) {
             // Even seconds were fitted on: what is seen on the odd ones stands for both.

@@ -11,6 +11,7 @@ mod layout;
 mod order;
 mod rounds;
 mod snapshot;
+mod stream;
 #[cfg(test)]
 mod tests;
 
@@ -21,8 +22,9 @@ use crate::sequence::{Sequence, SequenceCounts};
 use cycles::{Cycles, Place};
 use layout::{Compiled, GaugeSlots, Role};
 pub use layout::{GaugeBinding, JointBinding, Layout, SignalBinding};
-use rounds::{Rhythm, Stream};
+use rounds::Rhythm;
 pub use snapshot::{Absence, JointReading, Reading, Signal, Snapshot};
+use stream::Stream;
 
 /// What the assembler met since the start
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]

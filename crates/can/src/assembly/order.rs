@@ -3,7 +3,7 @@
 //! Places in time do not tell this where a burst puts messages microseconds apart: what moves one message's usual place a little
 //! more than another's would change their order.
 
-use super::rounds::Stream;
+use super::stream::Stream;
 
 /// After so many rounds in a row one message usually comes before another
 const USUAL: u8 = 4;

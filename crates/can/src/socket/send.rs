@@ -48,7 +48,7 @@ impl SocketSender {
         self.counts
     }
 
-    /// Offers frames in order, at most 64 a system call; the number that was taken. Never waits, never tries again.
+    /// Offers frames in order, as many a system call as one takes (256); the number that was taken. Never waits, never tries again.
     pub fn send(&mut self, frames: &[Frame]) -> usize {
         let mut taken = 0;
         for chunk in frames.chunks(sys::BATCH) {

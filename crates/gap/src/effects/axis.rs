@@ -3,8 +3,9 @@
 //! The compliance vector of a section is `r [l x R, R]` (Y.-L. Kim, J.-J. Park, J.-B. Song, J. Mech. Sci. Technol. 24(8), 2010); a
 //! small turn or shift adds multiples of the other load components. Of a gauge whose section's load is known, the columns are
 //! the derivatives of that vector by the axis' four numbers, half way to where the axis went: then they make up the whole change to
-//! third order. Tried as well: with the scale alongside, and the whole vector for an axis that is far off. A gauge whose model has no crosstalk at all was never calibrated for any: the zero
-//! that came with such a model has taken up the mean of what crosstalk added, so zeros are fitted alongside the whole vector.
+//! third order. Tried as well: with the scale alongside, and the whole vector for an axis that is far off. A gauge whose model has no
+//! crosstalk at all was never calibrated for any: the zero that came with such a model has taken up the mean of what crosstalk added,
+//! so zeros are fitted alongside the whole vector.
 //! With nothing but load columns given each is a column here.
 
 use model::sensing::{ActualFrame, Compliance};
@@ -65,6 +66,7 @@ impl Effect for SensingAxis {
         true
     }
 
+    /// Which of the three kinds: where the axis went follows from what the columns are fitted to.
     fn searched(&self, _shape: &[f64]) -> usize {
         1
     }

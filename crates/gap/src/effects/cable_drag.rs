@@ -85,5 +85,5 @@ const STIFFENING: f64 = 1.0;
 /// Slack elsewhere, and stiffer by as much as cables are: `k d (1 + 0.3 d^2)`.
 const BENT: f64 = 2.0;
 const STIFFER_PER_RAD2: f64 = 0.3;
-/// Where a cable may be slack.
+/// Where a cable may be slack, rad; the angle itself is searched between these.
 const SLACK_RAD: [f64; 5] = [-1.2, -0.6, 0.0, 0.6, 1.2];

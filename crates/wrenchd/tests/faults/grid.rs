@@ -332,16 +332,15 @@ fn run(rig: &Rig, frames: &[Timed], world: &mut Simulator, fault: &Fault, seed: 
 #[test]
 #[ignore = "many seeds take minutes"]
 fn what_comes_of_the_bus_with_many_seeds() {
-    let seeds = std::env::var("WRENCHD_TEST_GRID_SEEDS").unwrap_or_else(|_| "1000..1010".into());
-    let (first, end) = seeds.split_once("..").expect("WRENCHD_TEST_GRID_SEEDS is FIRST..END");
-    let (first, end) = (first.parse::<u64>().unwrap(), end.parse::<u64>().unwrap());
+    let seeds = crate::seeds("WRENCHD_TEST_GRID_SEEDS", 1000..1010);
     let mut total = 0;
     for (rate_hz, moves, delay_s) in CONDITIONS {
         let rig = rig_with(PublishMode::Event, Filter { cutoff_hz: None, delay_s });
         let frames = timed(&rig, rate_hz, moves);
         let mut world = simulator(&rig, rate_hz, moves);
         for (name, fault) in of_the_bus() {
-            let wrong: Vec<(u64, u32)> = (first..end)
+            let wrong: Vec<(u64, u32)> = seeds
+                .clone()
                 .map(|seed| (seed, run(&rig, &frames, &mut world, &fault, seed).wrong))
                 .filter(|(_, wrong)| *wrong > 0)
                 .collect();

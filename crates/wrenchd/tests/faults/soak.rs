@@ -170,9 +170,7 @@ fn minutes_of_faults_on_a_host_that_stands_still_make_nothing_wrong() {
 #[test]
 #[ignore = "hours take minutes"]
 fn hours_of_faults_on_a_host_that_stands_still_make_next_to_nothing_wrong() {
-    let seeds = std::env::var("WRENCHD_TEST_SOAK_SEEDS").unwrap_or_else(|_| "100..112".into());
-    let (first, end) = seeds.split_once("..").expect("WRENCHD_TEST_SOAK_SEEDS is FIRST..END");
-    let seeds = first.parse::<u64>().unwrap()..end.parse::<u64>().unwrap();
+    let seeds = crate::seeds("WRENCHD_TEST_SOAK_SEEDS", 100..112);
     let runs = seeds.map(|seed| run(1800.0, seed, [1e6, 5.0, 1.0, 0.3][seed as usize % 4]));
     let (wrong, valid) =
         runs.fold((0, 0), |(wrong, valid), tally| (wrong + tally.wrong, valid + tally.valid));
