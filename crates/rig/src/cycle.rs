@@ -10,6 +10,7 @@
 //! construction only.
 
 mod isolation;
+mod joint;
 mod lag;
 mod low_pass;
 mod several;
@@ -141,6 +142,15 @@ impl Cycle {
     pub fn push(&mut self, frame: &Stamped, mut out: impl FnMut(&Estimate)) {
         for snapshot in self.assembler.push(frame) {
             self.tracker.advance(snapshot, &mut self.stage, |instant| out(&instant.estimate));
+        }
+    }
+
+    /// Does ahead what does not wait for the rest of the round's frames. A round that ends as it seemed is then sooner done; one that ends otherwise
+    /// is done as ever: estimates are the same to the bit.
+    pub fn prepare(&mut self) {
+        let motion = self.assembler.preview().and_then(|open| self.tracker.prepare(open));
+        if let Some(motion) = motion {
+            self.stage.prepare(motion);
         }
     }
 

@@ -310,6 +310,7 @@ impl Engine {
         if let Some(rehearsal) = &mut self.rehearsal {
             rehearsal.rehearse(|estimate| outlet.rehearse(&dispatch(0, estimate)));
         }
+        self.cycle.prepare();
     }
 
     /// Publishes the last record: invalid, nothing follows.

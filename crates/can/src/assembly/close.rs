@@ -1,6 +1,6 @@
 //! The end of a round: sampling instants, ages, and a snapshot of it
 
-use super::{Absence, Assembler, GaugeSlots, Held, JointReading, Reading, Signal};
+use super::{Absence, Assembler, GaugeSlots, Held, JointReading, Reading, Signal, Snapshot};
 
 impl Assembler {
     /// Ends the open round and hands on its snapshot
@@ -19,8 +19,10 @@ impl Assembler {
         if cut {
             self.counts.discarded_rounds += 1;
         } else if handed_on {
-            self.fill(self.ready, instant_ns, cycles);
-            self.counts.complete_rounds += u64::from(self.out[self.ready].complete);
+            let mut out = std::mem::replace(&mut self.out[self.ready], Snapshot::empty(0, 0));
+            self.fill(&mut out, instant_ns, cycles);
+            self.counts.complete_rounds += u64::from(out.complete);
+            self.out[self.ready] = out;
             self.ready += 1;
         }
         self.last_instant_ns = instant_ns;
@@ -31,6 +33,18 @@ impl Assembler {
         if self.rhythm.looks(self.round) {
             self.realign();
         }
+    }
+
+    /// The snapshot that the open round would end in now, once a gauge has come: to make ready what does not wait for the rest. Changes nothing
+    pub fn preview(&mut self) -> Option<&Snapshot> {
+        let is_of_gauge = |gauge: &GaugeSlots| self.streams[usize::from(gauge.stream)].arrived;
+        if !self.open || self.discard || !self.compiled.gauges.iter().any(is_of_gauge) {
+            return None;
+        }
+        let mut ahead = std::mem::replace(&mut self.ahead, Snapshot::empty(0, 0));
+        self.fill(&mut ahead, self.instant_ns(), self.cycles.passed());
+        self.ahead = ahead;
+        Some(&self.ahead)
     }
 
     /// Earliest (stamp - delay) of the round's gauge frames; of its joint frames where there is no gauge
@@ -53,7 +67,7 @@ impl Assembler {
         let mut stamp = |slot: u16, of: u16, delay: Option<i64>| {
             if usize::from(of) == stream {
                 let held = &mut held[usize::from(slot)];
-                held.at_ns = delay.map_or(instant_ns, |delay| held.stamp_ns - delay);
+                held.at_ns = held.sampled_ns(delay, instant_ns);
             }
         };
         for gauge in &self.compiled.gauges {
@@ -67,8 +81,7 @@ impl Assembler {
         }
     }
 
-    fn fill(&mut self, index: usize, instant_ns: i64, cycles: Option<u32>) {
-        let mut out = std::mem::replace(&mut self.out[index], super::Snapshot::empty(0, 0));
+    fn fill(&self, out: &mut Snapshot, instant_ns: i64, cycles: Option<u32>) {
         out.instant_ns = instant_ns;
         out.last_stamp_ns = self.last_stamp_ns;
         out.round = self.round;
@@ -84,29 +97,29 @@ impl Assembler {
             };
         }
         for (number, joint) in self.compiled.joints.iter().enumerate() {
-            let position = self.streamed(joint.position, joint.stream, instant_ns);
+            let position = self.streamed(joint.position, joint.stream, joint.delay_ns, instant_ns);
             let velocity = match joint.velocity {
-                Some((slot, stream)) => self.streamed(slot, stream, instant_ns),
+                Some((slot, stream)) => self.streamed(slot, stream, joint.delay_ns, instant_ns),
                 None => Err(Absence::NotConfigured),
             };
             out.complete &= position.is_ok();
             out.joints[number] = JointReading { position, velocity };
         }
-        self.out[index] = out;
     }
 
     fn gauge(&self, gauge: &GaugeSlots, instant_ns: i64) -> Signal {
-        let reading = self.streamed(gauge.counts, gauge.stream, instant_ns)?;
+        let reading = self.streamed(gauge.counts, gauge.stream, gauge.delay_ns, instant_ns)?;
         let Some((slot, same_frame)) = gauge.saturated else { return Ok(reading) };
         let flag = &self.held[usize::from(slot)];
         let current = same_frame || instant_ns.saturating_sub(flag.at_ns) <= self.temperature_stale_after_ns;
         if flag.seen && current && flag.value != 0.0 { Err(Absence::Saturated) } else { Ok(reading) }
     }
 
-    fn streamed(&self, slot: u16, stream: u16, instant_ns: i64) -> Signal {
+    fn streamed(&self, slot: u16, stream: u16, delay_ns: Option<i64>, instant_ns: i64) -> Signal {
         let held = &self.held[usize::from(slot)];
         let stream = &self.streams[usize::from(stream)];
-        let age_ns = instant_ns.saturating_sub(held.at_ns);
+        let at_ns = if stream.arrived { held.sampled_ns(delay_ns, instant_ns) } else { held.at_ns };
+        let age_ns = instant_ns.saturating_sub(at_ns);
         if !held.seen {
             return Err(stream.fault(self.round).unwrap_or(Absence::NeverSeen));
         }
@@ -124,7 +137,7 @@ impl Assembler {
         if stream.is_doubted(self.round) {
             return Err(Absence::Repeated);
         }
-        reading(held, age_ns, if stream.is_unplaced() { self.rhythm.period_ns() } else { 0 })
+        reading(held, at_ns, age_ns, if stream.is_unplaced() { self.rhythm.period_ns() } else { 0 })
     }
 
     /// A signal that is held until stale
@@ -137,13 +150,13 @@ impl Assembler {
         if age_ns > self.temperature_stale_after_ns {
             return Err(Absence::Stale);
         }
-        reading(held, age_ns, 0)
+        reading(held, held.at_ns, age_ns, 0)
     }
 }
 
-fn reading(held: &Held, age_ns: i64, unsure_ns: i64) -> Signal {
+fn reading(held: &Held, at_ns: i64, age_ns: i64, unsure_ns: i64) -> Signal {
     if held.value.is_finite() {
-        Ok(Reading { value: held.value, at_ns: held.at_ns, age_ns, unsure_ns })
+        Ok(Reading { value: held.value, at_ns, age_ns, unsure_ns })
     } else {
         Err(Absence::NotFinite)
     }

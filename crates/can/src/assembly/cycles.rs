@@ -133,13 +133,23 @@ impl Cycles {
         }
     }
 
-    /// Ends a round: cycles since the last that was handed on, if this one is
-    pub(super) fn close(&mut self, handed_on: bool) -> Option<u32> {
+    /// The open round's cycle: the one on which most of its counters agree
+    fn agreed(&self) -> Option<i64> {
         let here = || self.counters.iter().filter(|counter| counter.arrived);
         let votes = |cycle: i64| here().filter(|counter| counter.cycle == Some(cycle)).count();
-        let agreed = here().filter_map(|counter| counter.cycle).max_by_key(|cycle| (votes(*cycle), *cycle));
-        let passed = self.last.zip(agreed).map(|(last, cycle)| cycle - last);
-        if here().next().is_some() {
+        here().filter_map(|counter| counter.cycle).max_by_key(|cycle| (votes(*cycle), *cycle))
+    }
+
+    /// Cycles from the last round that was handed on to the open one
+    pub(super) fn passed(&self) -> Option<u32> {
+        let passed = self.agreed()? - self.last?;
+        u32::try_from(passed).ok().filter(|passed| *passed > 0)
+    }
+
+    /// Ends a round: cycles since the last that was handed on, if this one is
+    pub(super) fn close(&mut self, handed_on: bool) -> Option<u32> {
+        let (agreed, passed) = (self.agreed(), self.passed());
+        if self.any_here() {
             // Where all began anew the numbers do, too.
             let cycle = agreed.unwrap_or(0);
             for counter in &mut self.counters {
@@ -155,7 +165,7 @@ impl Cycles {
         } else if handed_on {
             self.last = None;
         }
-        passed.and_then(|passed| u32::try_from(passed).ok()).filter(|passed| *passed > 0 && handed_on)
+        passed.filter(|_| handed_on)
     }
 }
 

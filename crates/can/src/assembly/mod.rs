@@ -68,6 +68,13 @@ struct Held {
     at_ns: i64,
 }
 
+impl Held {
+    /// When it was sampled, if its frame is of the round of this instant
+    fn sampled_ns(&self, delay_ns: Option<i64>, instant_ns: i64) -> i64 {
+        delay_ns.map_or(instant_ns, |delay_ns| self.stamp_ns - delay_ns)
+    }
+}
+
 /// Last frame of a message
 #[derive(Clone, Debug)]
 struct Previous {
@@ -99,6 +106,8 @@ pub struct Assembler {
     ended_stamp_ns: i64,
     out: [Snapshot; 2],
     ready: usize,
+    /// What the open round would end in
+    ahead: Snapshot,
     counts: AssemblyCounts,
 }
 
@@ -126,6 +135,7 @@ impl Assembler {
             last_instant_ns: 0,
             last_stamp_ns: 0,
             ended_stamp_ns: i64::MIN,
+            ahead: empty.clone(),
             out: [empty.clone(), empty],
             ready: 0,
             counts: AssemblyCounts::default(),

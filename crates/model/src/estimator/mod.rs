@@ -139,8 +139,9 @@ pub struct WrenchEstimator {
     arm: Arm,
     gls: Gls,
     motion: [Vec<f64>; 3],
-    /// The encoders' positions, before joints yield, rad.
-    encoders_rad: Vec<f64>,
+    /// What the arm was posed for, and whether it still is.
+    posed: Vec<JointMotion>,
+    is_posed: bool,
     /// Gauges that have a reading at this instant.
     present: Vec<Row>,
     /// The gauges, four at a time, and what their terms add.
@@ -193,7 +194,8 @@ impl WrenchEstimator {
             arm: Arm::new(chain, sections, arm),
             gls,
             motion: std::array::from_fn(|_| vec![0.0; coordinates]),
-            encoders_rad: vec![0.0; coordinates],
+            posed: Vec::with_capacity(coordinates),
+            is_posed: false,
             present: Vec::with_capacity(n),
             fours: gauges.chunks(FOUR).map(Four::new).collect(),
             terms_forms: gauges.iter().map(TermsForm::new).collect(),
@@ -234,6 +236,7 @@ impl WrenchEstimator {
     pub fn set_payload(&mut self, body: &RigidBody) {
         self.dynamics.set_payload(body);
         self.arm.set_payload(body);
+        self.is_posed = false;
     }
 
     /// What a reading holds beside the calibrated bias, its terms and the arm's own load in the state of the last estimate:
@@ -303,22 +306,15 @@ impl WrenchEstimator {
         motion: &[JointMotion],
         readings: &[Option<GaugeReading>],
     ) -> Result<Solution, NoWrench> {
-        for (k, joint) in motion.iter().enumerate() {
-            self.encoders_rad[k] = joint.position_rad;
-            self.motion[0][k] = joint.position_rad;
-            self.motion[1][k] = joint.velocity_rad_s;
-            self.motion[2][k] = joint.acceleration_rad_s2;
-        }
-        self.move_arm();
-        self.yield_under(&Wrench::zero());
-        self.dynamics.differentiate();
+        self.prepare(motion);
         self.collect(readings);
-        self.roots.clear();
-        self.roots.extend(motion.chunks(2).map(MotionRoots::of));
         self.weigh_first();
         let wrench = Wrench::from_vector(&self.gls.estimate(&COLUMN_SCALE)?);
         if self.yield_under(&wrench) {
+            self.look();
             self.collect(readings);
+            // The arm is not as it was posed any more.
+            self.is_posed = false;
         }
         self.arm.place(&self.motion[0], &wrench);
         self.weigh_again(&wrench);
@@ -333,6 +329,26 @@ impl WrenchEstimator {
         })
     }
 
+    /// What an estimate needs of the arm before anything is known of its gauges: done ahead where the motion is known first.
+    pub fn prepare(&mut self, motion: &[JointMotion]) {
+        if std::mem::replace(&mut self.is_posed, true) && self.posed == motion {
+            return;
+        }
+        self.posed.clear();
+        self.posed.extend_from_slice(motion);
+        for (k, joint) in motion.iter().enumerate() {
+            self.motion[0][k] = joint.position_rad;
+            self.motion[1][k] = joint.velocity_rad_s;
+            self.motion[2][k] = joint.acceleration_rad_s2;
+        }
+        self.move_arm();
+        self.yield_under(&Wrench::zero());
+        self.dynamics.differentiate();
+        self.look();
+        self.roots.clear();
+        self.roots.extend(motion.chunks(2).map(MotionRoots::of));
+    }
+
     fn move_arm(&mut self) {
         let [q, qd, qdd] = &self.motion;
         self.dynamics.update(q, qd, qdd);
@@ -345,16 +361,21 @@ impl WrenchEstimator {
             return false;
         }
         for (k, flexibility) in self.arm.flexibility_rad_per_nm.iter().enumerate() {
-            self.motion[0][k] = self.encoders_rad[k] + flexibility * self.dynamics.joint_torque_nm(k, wrench);
+            self.motion[0][k] =
+                self.posed[k].position_rad + flexibility * self.dynamics.joint_torque_nm(k, wrench);
         }
         self.move_arm();
         true
     }
 
-    fn collect(&mut self, readings: &[Option<GaugeReading>]) {
+    /// Takes in the state of the arm, four gauges at a time.
+    fn look(&mut self) {
         for (four, first) in self.fours.iter_mut().zip((0..).step_by(FOUR)) {
             four.look(&self.dynamics, first);
         }
+    }
+
+    fn collect(&mut self, readings: &[Option<GaugeReading>]) {
         let mut present = std::mem::take(&mut self.present);
         present.clear();
         let heard = readings.iter().take(self.gauges.len()).enumerate();

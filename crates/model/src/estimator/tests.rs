@@ -80,6 +80,32 @@ fn finds_the_wrench_of_ideal_gauges_and_with_any_two_missing() {
 }
 
 #[test]
+fn an_arm_that_was_posed_ahead_for_this_motion_or_for_another_gives_the_same() {
+    let (chain, sections) = arm();
+    for flexibility_rad_per_nm in [vec![0.0; 6], vec![1e-4; 6]] {
+        let arm = ArmModel { flexibility_rad_per_nm, deviations: Vec::new() };
+        let fresh = || WrenchEstimator::with_arm(&chain, &sections, gauges(), arm.clone());
+        let tool =
+            RigidBody::from_com(0.7, nalgebra::Vector3::new(0.02, 0.0, 0.1), nalgebra::Matrix3::zeros());
+        let mut moved = pose();
+        moved[1].velocity_rad_s = 0.8;
+        let counts = readings(&gauges(), &moved, &wrench());
+        let mut estimator = fresh();
+        for (ahead, payload) in [(&moved, false), (&pose(), false), (&moved, true), (&moved, true)] {
+            estimator.prepare(ahead);
+            let mut other = fresh();
+            if payload {
+                estimator.set_payload(&tool);
+                other.set_payload(&tool);
+            }
+            let expected = other.estimate(&moved, &counts).unwrap();
+            assert_eq!(estimator.estimate(&moved, &counts), Ok(expected));
+            assert_eq!(estimator.estimate(&moved, &counts), Ok(expected), "asked for twice");
+        }
+    }
+}
+
+#[test]
 fn a_gauge_with_an_unseen_direction_that_matters_is_hardly_used() {
     let (chain, sections) = arm();
     let truth = gauges();

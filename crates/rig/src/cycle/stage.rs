@@ -144,6 +144,11 @@ impl Stage {
         status
     }
 
+    /// Does ahead what the next estimate will need of the arm if this is its motion.
+    pub(super) fn prepare(&mut self, motion: &[JointMotion]) {
+        self.estimator.prepare(motion);
+    }
+
     /// The wrench of a snapshot, given every coordinate's motion at its instant. The same snapshot may come twice.
     pub fn estimate(&mut self, snapshot: &Snapshot, motion: &[JointMotion], status: Status) -> Estimate {
         let mut status = status.with(self.listen(snapshot));

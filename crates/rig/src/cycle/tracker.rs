@@ -1,14 +1,14 @@
 //! The joints of successive snapshots to their motion, and with it each snapshot to its wrench.
 
-use can::assembly::{Absence, JointBinding, Snapshot};
-use model::motion::{JointMotion, MotionFilter, RoundClock, Sampled};
+use can::assembly::Snapshot;
+use model::motion::{JointMotion, MotionFilter, RoundClock};
 
+use super::joint::Joint;
 use super::lag::{Lag, Round};
 use super::low_pass::LowPass;
-use super::stuck::StuckWatch;
 use super::{Estimate, Refusal, Stage};
 use crate::Rig;
-use crate::model_file::{Encoder, ModelFile};
+use crate::model_file::ModelFile;
 use crate::status::Status;
 use crate::tare::TareRefusal;
 
@@ -27,36 +27,25 @@ pub struct Instant<'a> {
 #[derive(Clone, Debug)]
 pub struct MotionTracker {
     clock: RoundClock,
-    filters: Vec<MotionFilter>,
-    velocity_sigmas: Vec<f64>,
-    watches: Vec<StuckWatch>,
+    joints: Vec<Joint>,
     motion: Vec<JointMotion>,
+    /// What the motion will be if the open round ends with the readings that it has.
+    ahead: Vec<JointMotion>,
     lag: Option<Lag>,
     low_pass: Option<LowPass>,
-}
-
-/// An encoder whose noise is far above its resolution does not say the same again and again.
-fn encoder_watch(encoder: &Encoder, joint: &JointBinding) -> StuckWatch {
-    let resolution_rad = (joint.position.spec.scale * joint.position.to_si).abs();
-    StuckWatch::new(encoder.position_sigma_rad, resolution_rad)
 }
 
 impl MotionTracker {
     /// For the coordinates of a robot with the encoders of its model, and its `[filter]`.
     pub fn new(rig: &Rig, model: &ModelFile) -> Self {
         let encoders: Vec<_> = (0..rig.chain.coordinates()).map(|k| model.encoder(k)).collect();
-        let sigmas_rad = encoders.iter().map(|e| e.position_sigma_rad);
+        let at_rest = vec![JointMotion::at_rest(0.0); encoders.len()];
         Self {
             clock: RoundClock::default(),
-            filters: sigmas_rad.clone().map(MotionFilter::new).collect(),
-            velocity_sigmas: encoders.iter().map(|e| e.velocity_sigma_rad_s.unwrap_or(f64::NAN)).collect(),
-            watches: encoders
-                .iter()
-                .zip(&rig.layout.joints)
-                .map(|(e, joint)| encoder_watch(e, joint))
-                .collect(),
-            motion: vec![JointMotion::at_rest(0.0); encoders.len()],
-            lag: Lag::new(rig, sigmas_rad),
+            joints: encoders.iter().zip(&rig.layout.joints).map(|(e, joint)| Joint::new(e, joint)).collect(),
+            motion: at_rest.clone(),
+            ahead: at_rest,
+            lag: Lag::new(rig, encoders.iter().map(|e| e.position_sigma_rad)),
             low_pass: rig.config.filter.cutoff_hz.map(LowPass::new),
         }
     }
@@ -74,10 +63,14 @@ impl MotionTracker {
     fn follow(&mut self, snapshot: &Snapshot) -> Round {
         let at = self.clock.observe(snapshot.instant_ns, snapshot.cycles);
         let mut round = Round { at, status: Status::GOOD, unknown: None };
-        // Every filter is fed, whatever the others lack: a joint that comes back must find its neighbours warm.
-        for k in 0..self.filters.len() {
-            let known = self.follow_joint(k, snapshot, &mut round);
-            match self.filters[k].motion(at).filter(|_| known) {
+        // Every joint is followed, whatever the others lack: one that comes back must find its neighbours warm.
+        for (k, joint) in self.joints.iter_mut().enumerate() {
+            let lag = self.lag.as_mut().map(|lag| lag.joint(k));
+            let followed = joint.follow(at, &snapshot.joints[k], lag);
+            if followed.is_carried_on {
+                round.status = round.status.with(Status::STALE);
+            }
+            match followed.motion {
                 Some(motion) => self.motion[k] = motion,
                 None => round.unknown = round.unknown.or(Some(k)),
             }
@@ -85,53 +78,22 @@ impl MotionTracker {
         round
     }
 
-    /// Takes in one joint; whether its motion can be known.
-    fn follow_joint(&mut self, k: usize, snapshot: &Snapshot, round: &mut Round) -> bool {
-        let (filter, joint) = (&mut self.filters[k], &snapshot.joints[k]);
-        let mut lag = self.lag.as_mut().map(|lag| lag.joint(k));
-        match joint.position {
-            Ok(position) if self.watches[k].is_stuck(position.value) => {
-                filter.forget();
-                lag.iter_mut().for_each(|lag| lag.push(round.at, 0.0, None));
-                false
-            }
-            // Perhaps the last frame again: carried on from those before until that is known.
-            Ok(_) if self.watches[k].repeats() => {
-                lag.iter_mut().for_each(|lag| lag.push(round.at, 0.0, None));
-                true
-            }
-            Ok(position) => {
-                // A delay of its own counts from its own stamp, with that stamp's scatter.
-                let scatter_s = if position.age_ns == 0 { 0.0 } else { round.at.scatter_s };
-                let jitter_s = scatter_s.hypot(position.unsure_ns as f64 * 1e-9);
-                let at = Sampled { at_ns: round.at.at_ns - position.age_ns, ..round.at };
-                let fate = filter.measure(at, jitter_s, position.value);
-                if let Some(lag) = &mut lag {
-                    if filter.has_revoked() {
-                        lag.revoke();
-                    }
-                    lag.push(at, jitter_s, Some((position.value, fate)));
-                }
-                if let Ok(velocity) = joint.velocity
-                    && velocity.at_ns == position.at_ns
-                    && self.velocity_sigmas[k].is_finite()
-                {
-                    filter.measure_velocity(velocity.value, self.velocity_sigmas[k]);
-                    lag.iter_mut()
-                        .for_each(|lag| lag.measure_velocity(velocity.value, self.velocity_sigmas[k]));
-                }
-                true
-            }
-            absent => {
-                lag.iter_mut().for_each(|lag| lag.push(round.at, 0.0, None));
-                // One lost frame: carried on from those before, with the uncertainty that brings.
-                let one = matches!(absent, Err(Absence::Missed | Absence::Repeated | Absence::WrongLength));
-                if one {
-                    round.status = round.status.with(Status::STALE);
-                }
-                one
+    /// Follows those joints ahead that have come in a round that has not ended: when it does, that is done. What the motion will be if it ends
+    /// so; none where not all of it is known. Changes nothing that [`MotionTracker::advance`] or [`MotionTracker::track`] say.
+    pub fn prepare(&mut self, open: &Snapshot) -> Option<&[JointMotion]> {
+        if self.lag.is_some() {
+            return None;
+        }
+        let at = self.clock.clone().observe(open.instant_ns, open.cycles);
+        let mut all = true;
+        for ((joint, reading), ahead) in self.joints.iter_mut().zip(&open.joints).zip(&mut self.ahead) {
+            let followed = reading.position.is_ok().then(|| joint.prepare(at, reading));
+            match followed.and_then(|followed| followed.motion) {
+                Some(motion) => *ahead = motion,
+                None => all = false,
             }
         }
+        all.then_some(&self.ahead)
     }
 
     /// Motion of every coordinate as last tracked.
@@ -143,7 +105,8 @@ impl MotionTracker {
     /// mostly an earlier one.
     pub fn advance(&mut self, snapshot: &Snapshot, stage: &mut Stage, mut out: impl FnMut(&Instant<'_>)) {
         let round = self.follow(snapshot);
-        let astray = self.filters.iter().map(MotionFilter::has_passed_over);
+        let filters = self.joints.iter().map(Joint::filter);
+        let astray = filters.clone().map(MotionFilter::has_passed_over);
         let Some(lag) = &mut self.lag else {
             let estimate = estimate(snapshot, round, &self.motion, astray, stage);
             return out(&Instant {
@@ -152,7 +115,7 @@ impl MotionTracker {
                 motion: &self.motion,
             });
         };
-        let doubts_rad = self.filters.iter().map(MotionFilter::doubt_rad);
+        let doubts_rad = filters.map(MotionFilter::doubt_rad);
         lag.push(snapshot, round, &self.motion, astray.zip(doubts_rad));
         while let Some(held) = lag.next_due() {
             let mut estimate =
