@@ -46,6 +46,8 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
     let mut trainings = Vec::new();
     for fold in outer {
         let training = folds::training(&session.hold_out, &fold.fit, floor_of(session, &fold.fit));
+        let found: Vec<_> = chosen.iter().flat_map(|part: &Chosen| part.terms.iter().copied()).collect();
+        library.make_room(&found);
         let (choice, terms) = select(&mut library, &candidates, &training, &bootstrap);
         if !session.hold_out.reserved.is_empty() {
             main = Some((training, choice));

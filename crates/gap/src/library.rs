@@ -22,7 +22,10 @@ const IMPLAUSIBLE_BESIDE_ERRORS: f64 = 4.0;
 /// In place of an effect's index: a direction in which the simulation is uncertain.
 const DOUBT: usize = usize::MAX;
 /// Columns that are kept rather than computed again, bytes.
-const KEPT_BYTES: usize = 28 << 20;
+const KEPT_BYTES: usize = 24 << 20;
+
+/// Products of pairs that are kept when the next part of the data is looked at, bytes.
+const PAIRS_BYTES: usize = 48 << 20;
 
 /// One candidate: an effect at a place with a shape.
 #[derive(Debug, Clone)]
@@ -183,7 +186,7 @@ impl<'a> Library<'a> {
 }
 
 /// Terms that are made at a time: their columns are all in memory.
-const TOGETHER: usize = 32;
+const TOGETHER: usize = 16;
 
 /// A term with its columns.
 struct Made {
@@ -311,6 +314,13 @@ impl Library<'_> {
             with.iter().map(pair).collect::<Vec<_>>()
         });
         self.pairs.extend(found.into_iter().flatten());
+    }
+
+    /// Lets go of the products of pairs that are not both among these, if products take much memory: they are made again where they are asked for.
+    pub(crate) fn make_room(&mut self, terms: &[TermId]) {
+        if self.pairs.values().map(|products| products.bytes()).sum::<usize>() > PAIRS_BYTES {
+            self.pairs.retain(|(a, b), _| terms.contains(a) && terms.contains(b));
+        }
     }
 
     /// Whether a term shows on any of these blocks: a limit that is not reached there does not.

@@ -196,6 +196,7 @@ impl Simulator {
         self.strain();
         self.fault(t_s);
         self.disturb();
+        self.misread(t_s);
         self.convert();
         self.fresh.clear();
         let slow = self.cycle.is_multiple_of(self.slow_every);
@@ -275,9 +276,20 @@ impl Simulator {
             self.sample(t_s);
             self.strain();
             self.fault(t_s);
+            self.misread(t_s);
             rows.extend(self.samples.first().map(|sample| sample.counts.clone()));
         }
         rows
+    }
+
+    /// What faulty converters and transfers make of the readings.
+    fn misread(&mut self, t_s: f64) {
+        for fault in &mut self.faults {
+            let gauge = fault.gauge();
+            for (number, sample) in self.samples.iter_mut().enumerate() {
+                sample.counts[gauge] = fault.converted(t_s, number, sample.counts[gauge]);
+            }
+        }
     }
 
     /// Adds one cycle's noise.

@@ -44,6 +44,8 @@ pub struct ArmColumns {
     tilt: [BySensing; 3],
     /// By the body of each joint's child link: mass with all that goes with it, and first moments (per kg m).
     body: Vec<[BySensing; 4]>,
+    /// By where a joint's child link sits on the link before, per m along that link's axes.
+    shift: Vec<[BySensing; 3]>,
     /// By the declared body at the tip: mass where it is (per kg), and displacement (per m).
     declared: [BySensing; 4],
     /// Torque about each coordinate's axis that the outboard side applies, Nm.
@@ -79,6 +81,9 @@ impl ArmColumns {
         for (own, more) in self.body.iter_mut().flatten().zip(other.body.into_iter().flatten()) {
             append(own, more);
         }
+        for (own, more) in self.shift.iter_mut().flatten().zip(other.shift.into_iter().flatten()) {
+            append(own, more);
+        }
         for (own, more) in self.declared.iter_mut().zip(other.declared) {
             append(own, more);
         }
@@ -98,6 +103,8 @@ struct Pass<'a> {
     session: &'a Session,
     arm: &'a Kinematics,
     dynamics: Dynamics,
+    /// The same with a section at every joint: what each passes on.
+    passing_on: Dynamics,
     /// The arm at rest, half a turn of a joint away.
     half_turned: Dynamics,
     /// The arm at rest under nothing but what a turn of gravity adds to it.
@@ -121,12 +128,16 @@ impl<'a> Pass<'a> {
             Dynamics::new(&chain, &sections)
         });
         let empty = || vec![Vec::with_capacity(session.rows()); sections.len()];
+        // Rows that are not felt take no memory; the others as much as they need.
+        let room = |is_felt: bool| Vec::with_capacity(if is_felt { session.rows() } else { 0 });
+        let felt = |before: usize| sections.iter().map(|section| room(section.joint < before)).collect();
         let links = arm.chain.joints.len();
         let columns = ArmColumns {
             position: (0..arm.joints.len()).map(|_| empty()).collect(),
             bend: if bends(session) { arm.joints.iter().map(|_| empty()).collect() } else { Vec::new() },
             tilt: std::array::from_fn(|_| empty()),
-            body: (0..links).map(|_| std::array::from_fn(|_| vec![Vec::new(); sections.len()])).collect(),
+            body: (0..links).map(|link| std::array::from_fn(|_| felt(link + 1))).collect(),
+            shift: (0..links).map(|link| std::array::from_fn(|_| felt(link))).collect(),
             declared: std::array::from_fn(|_| vec![Vec::new(); sections.len()]),
             torque_nm: vec![Vec::with_capacity(session.rows()); arm.joints.len()],
         };
@@ -134,6 +145,7 @@ impl<'a> Pass<'a> {
             session,
             arm,
             dynamics: Dynamics::new(&arm.chain, &sections),
+            passing_on: Dynamics::new(&arm.chain, &joint_sections(&arm.chain)),
             half_turned: Dynamics::new(&arm.chain, &sections),
             turned,
             carried: RigidBody::zero(),
@@ -145,13 +157,7 @@ impl<'a> Pass<'a> {
 
     fn row(&mut self, row: usize) {
         self.carry(row);
-        for (k, joint) in self.arm.joints.iter().enumerate() {
-            let joint = &self.session.joints[*joint];
-            let derivative = |values: &Option<Vec<f64>>| values.as_ref().map_or(0.0, |values| values[row]);
-            self.positions[0][k] = joint.position_rad[row];
-            self.positions[1][k] = derivative(&joint.velocity_rad_s);
-            self.positions[2][k] = derivative(&joint.acceleration_rad_s2);
-        }
+        self.positions = self.arm.motion_at(self.session, row);
         let [position, velocity, acceleration] = &self.positions;
         self.dynamics.update(position, velocity, acceleration);
         self.dynamics.differentiate();
@@ -165,7 +171,34 @@ impl<'a> Pass<'a> {
             self.bodies(section);
             self.declared(section);
         }
+        self.shift(&wrench);
         self.bend(&wrench);
+    }
+
+    /// All that is outboard of a joint has another lever where its link sits elsewhere: `dM = d x F` for every section before, with the force F
+    /// that the joint passes on.
+    fn shift(&mut self, wrench: &Wrench<Tip>) {
+        let [position, velocity, acceleration] = &self.positions;
+        self.passing_on.update_loads(position, velocity, acceleration);
+        self.passing_on.carry_tip();
+        let placements = self.arm.chain.placements(position);
+        for link in 1..self.columns.shift.len() {
+            let load = self.passing_on.load(link).fixed_rows::<3>(0)
+                + self.passing_on.load_of_tip_wrench(link, wrench).force_n;
+            let force_n = placements[link].rotation * load;
+            let axes = placements[link - 1].rotation;
+            let levers: [Vector3<f64>; 3] = std::array::from_fn(|axis| axes.column(axis).cross(&force_n));
+            for (slot, sensing) in self.arm.sensing.iter().enumerate() {
+                if sensing.section.joint >= link {
+                    continue;
+                }
+                let placed = placements[sensing.section.joint].rotation * sensing.section.r_cs;
+                let moment = placed * sensing.row.fixed_rows::<3>(3);
+                for (values, lever) in self.columns.shift[link].iter_mut().zip(&levers) {
+                    values[slot].push(moment.dot(lever));
+                }
+            }
+        }
     }
 
     /// A load at rest is `a + b cos + c sin` of each coordinate: half a turn away it is less by `2 b`, if begun at 0.
@@ -194,11 +227,11 @@ impl<'a> Pass<'a> {
 
     /// What hangs on the tip here belongs to the arm.
     fn carry(&mut self, row: usize) {
-        let carried = self.arm.carried.iter().find(|(rows, _)| rows.contains(&row));
-        let body = carried.map_or_else(RigidBody::zero, |(_, body)| *body);
+        let body = self.arm.carried_at(row);
         if body != self.carried {
             self.carried = body;
             self.dynamics.set_payload(&body);
+            self.passing_on.set_payload(&body);
             self.half_turned.set_payload(&body);
             self.turned.iter_mut().for_each(|turned| turned.set_payload(&body));
         }
@@ -441,6 +474,44 @@ pub(super) fn force_columns(session: &Session, link: usize, rows: &[usize], fram
         Column::of_parts("", unit, plausible, parts)
     });
     columns.collect()
+}
+
+/// Links are made to a millimetre; a URDF may be wrong by more.
+const SHIFT_M: f64 = 0.005;
+
+/// What a link that sits elsewhere on the one before adds, per m along the axes of the one before.
+pub(super) fn shift_columns(session: &Session, link: usize) -> Vec<Column> {
+    let Some((arm, all)) = columns(session) else { return Vec::new() };
+    // To a single one it is nothing but an axis of its own that sits elsewhere.
+    if arm.sensing.iter().filter(|sensing| sensing.section.joint < link).count() < 2 {
+        return Vec::new();
+    }
+    let columns = all.shift[link].iter().zip(["d_x", "d_y", "d_z"]);
+    columns.map(|(values, name)| column(arm, values, name, "m", SHIFT_M)).filter(shows).collect()
+}
+
+/// A section at each joint, as its child link's frame has it.
+fn joint_sections(chain: &Chain) -> Vec<Section> {
+    (0..chain.joints.len()).map(|joint| Section { joint, r_cs: Matrix3::identity() }).collect()
+}
+
+impl Kinematics {
+    /// What hangs on the tip at a row, as declared.
+    fn carried_at(&self, row: usize) -> RigidBody {
+        let carried = self.carried.iter().find(|(rows, _)| rows.contains(&row));
+        carried.map_or_else(RigidBody::zero, |(_, body)| *body)
+    }
+
+    /// Position (rad), velocity and acceleration of every coordinate at a row; zeros where they are not known.
+    fn motion_at(&self, session: &Session, row: usize) -> [Vec<f64>; 3] {
+        let joints = || self.joints.iter().map(|joint| &session.joints[*joint]);
+        let of = |values: &Option<Vec<f64>>| values.as_ref().map_or(0.0, |values| values[row]);
+        [
+            joints().map(|joint| joint.position_rad[row]).collect(),
+            joints().map(|joint| of(&joint.velocity_rad_s)).collect(),
+            joints().map(|joint| of(&joint.acceleration_rad_s2)).collect(),
+        ]
+    }
 }
 
 fn column(arm: &Kinematics, values: &BySensing, parameter: &str, unit: &str, plausible: f64) -> Column {

@@ -7,6 +7,7 @@
 mod arm;
 mod axial_force;
 mod axis;
+mod backlash;
 mod base_tilt;
 mod cable_drag;
 mod channel_coupling;
@@ -15,15 +16,18 @@ mod delay;
 mod drift;
 mod encoder_offset;
 mod external_contact;
+mod frame_loss;
 mod friction;
 mod gain;
 mod hysteresis;
 mod joint_flexibility;
 mod link_mass;
+mod link_offset;
 mod lowpass;
 mod mains_pickup;
 mod nonlinearity;
 mod payload;
+mod quantisation;
 mod saturation;
 mod spikes;
 mod temperature_gain;
@@ -50,15 +54,19 @@ pub static CATALOGUE: &[&dyn Effect] = &[
     &creep::Creep,
     &saturation::Saturation,
     &spikes::Spikes,
+    &frame_loss::FrameLoss,
+    &quantisation::Quantisation,
     &mains_pickup::MainsPickup,
     &delay::Delay,
     &lowpass::Lowpass,
     &torque_ripple::TorqueRipple,
     &link_mass::LinkMass,
+    &link_offset::LinkOffset,
     &payload::Payload,
     &base_tilt::BaseTilt,
     &encoder_offset::EncoderOffset,
     &joint_flexibility::JointFlexibility,
+    &backlash::Backlash,
     &friction::Friction,
     &cable_drag::CableDrag,
     &external_contact::ExternalContact,

@@ -1,7 +1,7 @@
 //! Gears and bearings: sine and cosine of multiples of the joint's angle, even 2kN for a harmonic drive of ratio N.
 //!
 //! T. Tuttle, W. Seering, IEEE Trans. Robotics and Automation 12, 1996: kinematic error of harmonic drives at two cycles per turn of the
-//! wave generator.
+//! wave generator. H. Taghirad, P. Bélanger, J. Dyn. Sys. Meas. Control 120, 1998: the ripple of a torque sensor in the gear grows with the torque.
 
 use super::*;
 
@@ -35,36 +35,36 @@ impl Effect for TorqueRipple {
 
     fn shapes(&self, session: &Session, place: Place) -> Vec<Shape> {
         let Place::Joint(joint) = place else { return Vec::new() };
-        let mut orders: Vec<f64> = USUAL.to_vec();
+        let mut peaks = Vec::new();
         for (channel, _) in moment_channels(session, joint) {
             let own = &session.channels[channel];
             let power =
                 crate::spectrum::power_by_order(&session.joints[joint].position_rad, &own.gap, HIGHEST);
-            orders.extend(crate::spectrum::peaks(&power, LOWEST, PEAKS).into_iter().map(f64::round));
+            peaks.extend(crate::spectrum::peaks(&power, LOWEST, PEAKS).into_iter().map(f64::round));
         }
-        orders.sort_by(f64::total_cmp);
-        orders.dedup();
-        orders.into_iter().map(|order| vec![order]).collect()
+        let mut shapes: Vec<Shape> = Vec::new();
+        for (kind, mut orders) in [(STEADY, [&USUAL[..], &peaks].concat()), (BY_LOAD, peaks.clone())] {
+            orders.sort_by(f64::total_cmp);
+            orders.dedup();
+            shapes.extend(orders.into_iter().map(|order| vec![order, kind]));
+        }
+        shapes
     }
 
     fn columns(&self, session: &Session, place: Place, shape: &[f64]) -> Vec<Column> {
         let Place::Joint(joint) = place else { return Vec::new() };
         let moving = &session.joints[joint];
         let turn = |q: &f64| shape[0] * q;
+        let Some(strength) = strength(session, joint, shape[1]) else { return Vec::new() };
         let mut columns = Vec::new();
         for (channel, per_nm) in moment_channels(session, joint) {
             let size_nm = 3.0 * session.channels[channel].rms_gap() / per_nm.abs();
-            let sine = Column::value(
-                "amplitude",
-                "Nm",
-                size_nm,
-                channel,
-                moving.position_rad.iter().map(|q| per_nm * turn(q).sin()).collect(),
-            );
-            let cosine = Column {
-                parts: vec![(channel, moving.position_rad.iter().map(|q| per_nm * turn(q).cos()).collect())],
-                ..sine.clone()
+            let wave = |of: fn(f64) -> f64| -> Vec<f64> {
+                let rows = moving.position_rad.iter().zip(&strength);
+                rows.map(|(q, strength)| per_nm * strength * of(turn(q))).collect()
             };
+            let sine = Column::value("amplitude", "Nm", size_nm, channel, wave(f64::sin));
+            let cosine = Column { parts: vec![(channel, wave(f64::cos))], ..sine.clone() };
             columns.push(sine.role(Role::Sine));
             columns.push(cosine.role(Role::Cosine));
         }
@@ -74,6 +74,20 @@ impl Effect for TorqueRipple {
     fn experiment(&self) -> &'static str {
         "each joint turned slowly and evenly through its range"
     }
+}
+
+/// The wave is the same under any load, or grows with the joint's torque.
+const STEADY: f64 = 0.0;
+const BY_LOAD: f64 = 1.0;
+
+/// How strong the wave is at each row, against its amplitude: that under the largest torque where it grows with it.
+fn strength(session: &Session, joint: usize, kind: f64) -> Option<Vec<f64>> {
+    if kind == STEADY {
+        return Some(vec![1.0; session.rows()]);
+    }
+    let torque_nm = arm::yielding_torque_nm(session, joint)?;
+    let most_nm = torque_nm.iter().fold(f64::MIN_POSITIVE, |most: f64, torque| most.max(torque.abs()));
+    Some(torque_nm.iter().map(|torque| torque.abs() / most_nm).collect())
 }
 
 /// Orders that gears in use have; any other must stand out of the gap by itself.

@@ -23,6 +23,11 @@ impl Products {
         Self { rows, columns, first, values: values[first * size..end * size].to_vec() }
     }
 
+    /// What it takes of the memory, bytes.
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(self.values.as_slice())
+    }
+
     pub(crate) fn at(&self, block: usize, row: usize, column: usize) -> f64 {
         let Some(block) = block.checked_sub(self.first) else { return 0.0 };
         self.values.get((block * self.rows + row) * self.columns + column).copied().unwrap_or(0.0)

@@ -27,8 +27,16 @@ pub(super) fn change(effect: &Effect, body: &mut Body) {
         (Kind::EncoderOffset, Place::Joint(joint)) => body.zeros_rad[joint] += effect.strength,
         (Kind::JointFlexibility, Place::Joint(joint)) => {
             let spring = &mut body.springs[joint];
-            let yields = spring.yield_rad(1.0) + effect.strength;
-            *spring = Spring { stiffness_nm_per_rad: yields.recip(), softer: 0.0, stiffens_at_nm: 1.0 };
+            let tight = Spring { play_rad: 0.0, ..*spring };
+            let stiffness_nm_per_rad = (tight.yield_rad(1.0) + effect.strength).recip();
+            *spring = Spring { stiffness_nm_per_rad, softer: 0.0, ..*spring };
+        }
+        (Kind::Backlash, Place::Joint(joint)) => body.springs[joint].play_rad += effect.strength,
+        (Kind::LinkOffset, Place::Link(link)) => {
+            let mut rng = stream(effect.seed, Purpose::Effects);
+            let to = Vector3::from_fn(|_, _| rng.random_range(-1.0..1.0));
+            let to = to.try_normalize(1e-6).unwrap_or_else(Vector3::x);
+            body.chain.joints[link].origin.translation_m += to * effect.strength;
         }
         (Kind::BaseTilt, _) => {
             let azimuth = stream(effect.seed, Purpose::Effects).random_range(0.0..std::f64::consts::TAU);

@@ -32,6 +32,10 @@ pub(crate) struct GaugeState {
     warm_c: Option<[f64; 2]>,
     walk: f64,
     phase: f64,
+    /// The last reading that was transferred, of each sampling instant of a cycle; when readings are lost, and when again.
+    last: Vec<Option<f64>>,
+    lost_s: [f64; 2],
+    again_s: f64,
     rng: StdRng,
 }
 
@@ -64,6 +68,9 @@ impl GaugeState {
             warm_c: None,
             walk: 0.0,
             phase,
+            last: Vec::new(),
+            lost_s: [0.0; 2],
+            again_s: FIRST_LOST_S,
             rng: stream(effect.seed ^ 0x5bd1, Purpose::Effects),
         })
     }
@@ -104,13 +111,15 @@ impl GaugeState {
             (Kind::ChannelCoupling, _) => a * now.counts[self.effect.number("source") as usize],
             (Kind::TorqueRipple, Place::Joint(joint)) => {
                 let wave = (self.effect.number("cycles_per_rev") * position(joint) + self.phase).sin();
-                self.per_nm * a * wave
+                let by_load = self.effect.number("by_load");
+                self.per_nm * a * wave * (1.0 - by_load + by_load * (x / self.half_counts).abs())
             }
             (Kind::Friction, Place::Joint(joint)) => {
                 let speed = now.state.velocities_rad_s[joint];
                 let (viscous, stribeck) =
                     (self.effect.number("viscous"), self.effect.number("stribeck_rad_s"));
-                let dip = 1.0 + 0.4 * (-(speed / stribeck).powi(2)).exp();
+                // As D. Hess and A. Soom have it (J. Tribology 112, 1990).
+                let dip = 1.0 + 0.4 / (1.0 + (speed / stribeck).powi(2));
                 -self.per_nm * a * (dip * (speed / 0.01).tanh() + viscous * speed)
             }
             (Kind::CableDrag, Place::Joint(joint)) => {
@@ -138,6 +147,36 @@ impl GaugeState {
             }
             _ => 0.0,
         }
+    }
+
+    /// What the converter or the transfer makes of a reading with its noise (counts), at this sampling instant of the cycle.
+    pub(crate) fn converted(&mut self, t_s: f64, sample: usize, reading: f64) -> f64 {
+        match self.effect.kind {
+            Kind::Quantisation => {
+                let step = self.effect.strength.abs().max(1.0);
+                let level = self.phase / std::f64::consts::TAU;
+                ((reading / step - level).round() + level) * step
+            }
+            Kind::FrameLoss => {
+                self.last.resize(self.last.len().max(sample + 1), None);
+                if !self.is_lost(t_s) {
+                    self.last[sample] = Some(reading);
+                }
+                self.last[sample].unwrap_or(reading)
+            }
+            _ => reading,
+        }
+    }
+
+    /// Whether readings are lost then: for a while, again and again.
+    fn is_lost(&mut self, t_s: f64) -> bool {
+        if t_s >= self.again_s {
+            let held_s = self.effect.strength.abs() * self.rng.random_range(0.5..1.5);
+            let pause_s = -self.effect.number("every_s") * self.rng.random_range(f64::EPSILON..1.0).ln();
+            self.lost_s = [t_s, t_s + held_s];
+            self.again_s = t_s + held_s + pause_s;
+        }
+        (self.lost_s[0]..self.lost_s[1]).contains(&t_s)
     }
 
     /// What was there `late_s` ago, between instants.
@@ -194,6 +233,9 @@ fn change(effect: &Effect, compliance: &Compliance, phase: f64) -> Vector6<f64> 
 /// How a cable stiffens, per rad: with the hyperbolic sine, as soft tissue and rubber do (Y. Fung, Am. J. Physiol. 213, 1967); for a small bend
 /// that is three tenths more a square radian.
 const CABLE_STIFFENS: f64 = 1.34;
+
+/// Nothing is lost before, s.
+const FIRST_LOST_S: f64 = 0.5;
 
 /// Half a gauge's usual range, Nm.
 const HALF_RANGE_NM: f64 = 4.0;

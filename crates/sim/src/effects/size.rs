@@ -3,7 +3,7 @@
 
 use rig::Rig;
 
-use super::{Effect, Effects};
+use super::{Effect, Effects, Kind, Place};
 use crate::SimError;
 use crate::scenario::Scenario;
 use crate::simulator::{Options, Simulator};
@@ -24,22 +24,28 @@ pub(super) fn scaled(
     let nominal = counts(rig, truth, scenario, None)?;
     for _ in 0..ROUNDS {
         let found = largest(&nominal, &counts(rig, truth, scenario, Some(&effect))?, truth);
-        if found > 0.0 && (found / size - 1.0).abs() < 0.02 {
+        if found > 0.0 && (found / size - 1.0).abs() < 0.02 && is_above_noise(&effect, truth) {
             return Ok(effect);
         }
         let factor = if found > 0.0 { (size / found).clamp(1.0 / MOST, MOST) } else { MOST };
         // A limit shows the more the lower it is.
-        let is_limit = effect.kind == super::Kind::Saturation;
+        let is_limit = effect.kind == Kind::Saturation;
         effect.strength *= if is_limit { factor.powf(-0.15).clamp(0.5, 2.0) } else { factor };
     }
     let found = largest(&nominal, &counts(rig, truth, scenario, Some(&effect))?, truth);
-    if found > 0.0 && (0.3..3.0).contains(&(found / size)) {
+    if found > 0.0 && (0.3..3.0).contains(&(found / size)) && is_above_noise(&effect, truth) {
         return Ok(effect);
     }
     Err(SimError::Option(format!(
         "--effect {}: does not show in this motion at size {size}; give a motion that loads or moves its place",
         effect.kind.id()
     )))
+}
+
+/// Steps of less than three deviations of the noise are noise themselves: a hundredth of their sawtooth is left (Widrow and Kollár).
+fn is_above_noise(effect: &Effect, truth: &Truth) -> bool {
+    let (Kind::Quantisation, Place::Gauge(gauge)) = (effect.kind, effect.place) else { return true };
+    effect.strength > 3.0 * truth.gauges[gauge].noise.sigma_counts
 }
 
 /// RMS of the difference of the gauge that shows it most, over its noise floor.

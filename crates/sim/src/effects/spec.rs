@@ -55,6 +55,8 @@ enum Sits {
     Gauge,
     Joint,
     Link,
+    /// A link that at least two gauges feel through the links before.
+    Beyond,
     Arm,
 }
 
@@ -71,16 +73,20 @@ kinds! {
     Creep "creep" Gauge "relative" 0.01 ["tau_s" 30.0] "A power of time that ends (mean retardation time tau_s), share of the load after five minutes.";
     Saturation "saturation" Gauge "limit" 1e6 [] "A limit, counts beyond the bias.";
     Spikes "spikes" Gauge "amplitude" 2e4 ["rate_hz" 0.3] "Single readings, counts.";
+    FrameLoss "frame_loss" Gauge "held_s" 0.1 ["every_s" 2.0] "Readings that stand for the next ones, s at a time.";
+    Quantisation "quantisation" Gauge "step" 3000.0 [] "Steps, counts: what is between is rounded.";
     MainsPickup "mains_pickup" Gauge "amplitude" 3000.0 ["hz" 49.99] "A sine, counts.";
     Delay "delay" Gauge "s" 0.01 [] "A late signal, s.";
     Lowpass "lowpass" Gauge "tau_s" 0.02 [] "A smoothed signal, s.";
     ChannelCoupling "channel_coupling" Gauge "relative" 0.01 ["source" -1.0] "A share of another gauge's signal.";
-    TorqueRipple "torque_ripple" Joint "amplitude" 0.02 ["cycles_per_rev" 160.0] "A wave of the joint's angle, Nm.";
+    TorqueRipple "torque_ripple" Joint "amplitude" 0.02 ["cycles_per_rev" 160.0, "by_load" 0.0] "A wave of the joint's angle, Nm; by_load: the share of it that grows with the load.";
     LinkMass "link_mass" Link "relative_mass" 0.05 [] "A heavier link.";
     Payload "payload" Arm "d_mass" 0.02 [] "Another weight than declared (kg), half a millimetre a gram elsewhere.";
     BaseTilt "base_tilt" Arm "rad" 0.005 [] "A base that leans.";
     EncoderOffset "encoder_offset" Joint "rad" 0.005 [] "A joint's zero.";
     JointFlexibility "joint_flexibility" Joint "rad_per_nm" 2e-4 [] "A joint that yields.";
+    Backlash "backlash" Joint "rad" 0.002 [] "Play of a gear.";
+    LinkOffset "link_offset" Beyond "m" 0.001 [] "A link that sits elsewhere on the one before.";
     Friction "friction" Joint "coulomb_nm" 0.02 ["viscous" 0.3, "stribeck_rad_s" 0.05] "Friction with a dip after the start (Stribeck).";
     CableDrag "cable_drag" Joint "nm_per_rad" 0.02 [] "A cable that stiffens.";
     ExternalContact "external_contact" Link "force_n" 2.0 ["from_s" -1.0, "to_s" -1.0] "A push on a link for a while, N.";
@@ -187,7 +193,8 @@ impl Spec {
             place: match self.kind.sits() {
                 Sits::Gauge => Place::Gauge(index),
                 Sits::Joint => Place::Joint(index),
-                Sits::Link => Place::Link(link_of(rig, index)),
+                Sits::Link => Place::Link(heavy(rig).get(index).copied().unwrap_or(0)),
+                Sits::Beyond => Place::Link(beyond(rig).get(index).copied().unwrap_or(0)),
                 Sits::Arm => Place::Arm,
             },
             strength: given(self.kind.strength()).unwrap_or(sign * self.kind.usual()),
@@ -201,8 +208,22 @@ impl Spec {
 impl Kind {
     /// Whether physics gives it one sign only.
     fn is_one_sided(self) -> bool {
-        use Kind::{CableDrag, Delay, Friction, JointFlexibility, Lowpass, Saturation};
-        matches!(self, CableDrag | Delay | Friction | JointFlexibility | Lowpass | Saturation)
+        use Kind::{
+            Backlash, CableDrag, Delay, FrameLoss, Friction, JointFlexibility, Lowpass, Quantisation,
+            Saturation,
+        };
+        matches!(
+            self,
+            Backlash
+                | CableDrag
+                | Delay
+                | FrameLoss
+                | Friction
+                | JointFlexibility
+                | Lowpass
+                | Quantisation
+                | Saturation
+        )
     }
 }
 
@@ -211,17 +232,24 @@ fn heavy(rig: &Rig) -> Vec<usize> {
     (0..rig.chain.joints.len()).filter(|k| rig.chain.joints[*k].body.mass_kg > 0.0).collect()
 }
 
-fn link_of(rig: &Rig, index: usize) -> usize {
-    heavy(rig).get(index).copied().unwrap_or(0)
+/// Those of them that at least two gauges feel through the links before.
+fn beyond(rig: &Rig) -> Vec<usize> {
+    let felt = |k: usize| rig.sections.iter().filter(|section| section.joint < k).count();
+    heavy(rig).into_iter().filter(|k| felt(*k) >= 2).collect()
 }
 
 fn names(rig: &Rig, sits: Sits) -> Vec<String> {
     match sits {
         Sits::Gauge => rig.layout.gauges.iter().map(|gauge| gauge.name.clone()).collect(),
         Sits::Joint => rig.chain.coordinate_names().into_iter().map(str::to_owned).collect(),
-        Sits::Link => heavy(rig).into_iter().map(|k| rig.chain.joints[k].child_link.clone()).collect(),
+        Sits::Link => child_links(rig, &heavy(rig)),
+        Sits::Beyond => child_links(rig, &beyond(rig)),
         Sits::Arm => vec!["arm".to_owned(), "base".to_owned(), "tip".to_owned()],
     }
+}
+
+fn child_links(rig: &Rig, joints: &[usize]) -> Vec<String> {
+    joints.iter().map(|k| rig.chain.joints[*k].child_link.clone()).collect()
 }
 
 fn find(names: &[String], name: &str, kind: Kind) -> Result<usize, SimError> {

@@ -48,14 +48,20 @@ pub struct Spring {
     pub softer: f64,
     /// Torque at which half of that is gone, Nm.
     pub stiffens_at_nm: f64,
+    /// From one side of the gear's play to the other, rad.
+    pub play_rad: f64,
 }
+
+/// Torque that takes up most of a gear's play, Nm.
+const PLAY_TAKEN_UP_NM: f64 = 0.05;
 
 impl Spring {
     /// How far it yields under a torque (Nm), rad.
     #[must_use]
     pub fn yield_rad(&self, torque_nm: f64) -> f64 {
         let soft = self.softer / (1.0 + (torque_nm / self.stiffens_at_nm).powi(2));
-        torque_nm / self.stiffness_nm_per_rad * (1.0 + soft)
+        let side = torque_nm / torque_nm.hypot(PLAY_TAKEN_UP_NM);
+        torque_nm / self.stiffness_nm_per_rad * (1.0 + soft) + 0.5 * self.play_rad * side
     }
 }
 
@@ -63,7 +69,8 @@ impl Body {
     /// The arm as it was drawn: stiff, its encoders right.
     #[must_use]
     pub fn nominal(chain: &Chain) -> Self {
-        let stiff = Spring { stiffness_nm_per_rad: f64::INFINITY, softer: 0.0, stiffens_at_nm: 1.0 };
+        let stiff =
+            Spring { stiffness_nm_per_rad: f64::INFINITY, softer: 0.0, stiffens_at_nm: 1.0, play_rad: 0.0 };
         let coordinates = chain.coordinates();
         Self { chain: chain.clone(), zeros_rad: vec![0.0; coordinates], springs: vec![stiff; coordinates] }
     }
@@ -89,6 +96,7 @@ impl Body {
             stiffness_nm_per_rad: log_uniform(rng, STIFFNESS_NM_PER_RAD.0, STIFFNESS_NM_PER_RAD.1),
             softer: rng.random_range(SOFTER.0..SOFTER.1),
             stiffens_at_nm: uniform(rng, STIFFENS_AT_NM.0, STIFFENS_AT_NM.1),
+            play_rad: 0.0,
         };
         Self {
             chain,
