@@ -207,3 +207,22 @@ fn not_testable(session: &Session) -> Vec<NotTestable> {
     });
     missing.collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with_confidences(confidences: &[f64]) -> Vec<Finding> {
+        confidences
+            .iter()
+            .map(|confidence| Finding { confidence: *confidence, ..Finding::default() })
+            .collect()
+    }
+
+    #[test]
+    fn the_least_likely_finding_goes_if_it_is_rather_wrong_than_right() {
+        assert_eq!(least_likely(&with_confidences(&[0.9, 0.3, 0.45])), Some(1));
+        assert_eq!(least_likely(&with_confidences(&[0.9, 0.5, 0.6])), None);
+        assert_eq!(least_likely(&[]), None);
+    }
+}

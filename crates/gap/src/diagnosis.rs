@@ -71,7 +71,7 @@ pub struct Raw {
 }
 
 /// An effect that was established.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Finding {
     /// Its name in the catalogue.
     pub effect: String,
