@@ -246,20 +246,7 @@ pub(crate) fn describe(
     let design = Design::new(library, terms);
     let values = design.solve(blocks);
     let sigmas = design.sigmas(blocks, &values);
-    let mut finding = Finding {
-        effect: CATALOGUE[effect].id().to_owned(),
-        sensors: Vec::new(),
-        joints: Vec::new(),
-        links: Vec::new(),
-        share: 0.0,
-        share_ci95: [0.0; 2],
-        confidence: 0.0,
-        evidence: Evidence::default(),
-        parameters: BTreeMap::new(),
-        indistinguishable_from: Vec::new(),
-        words: String::new(),
-        compensations: Vec::new(),
-    };
+    let mut finding = Finding { effect: CATALOGUE[effect].id().to_owned(), ..Finding::default() };
     let own: Vec<usize> = (0..terms.len()).filter(|k| library.terms[terms[*k]].effect == effect).collect();
     for &index in &own {
         let term = library.terms[terms[index]].clone();

@@ -13,9 +13,9 @@ use crate::location::{self, Located};
 use crate::loops;
 use crate::measure::Measure;
 use crate::refine::refine;
-use crate::remainder;
 use crate::select::Search;
 use crate::session::Session;
+use crate::steadiness;
 use crate::words;
 use std::collections::BTreeSet;
 
@@ -97,7 +97,7 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
         let measure = Measure::new(search.library, &subsets, &chosen, &located.floors, &bootstrap);
         let mut findings = Vec::with_capacity(kept.effects.len());
         for (bit, &effect) in kept.effects.iter().enumerate() {
-            let mut finding = finding(&mut search, &main, effect, &chosen, &located, &ground);
+            let mut finding = finding(&mut search, &main, effect, &located, &ground);
             (finding.share, finding.share_ci95) = measure.share(&subsets.shapley(bit));
             finding.evidence.chosen = often(&own_effects, effect);
             finding.words = words::of_finding(&finding, effect, place(search.library, &main, effect));
@@ -143,7 +143,6 @@ fn finding(
     search: &mut Search<'_, '_, '_>,
     main: &Choice,
     effect: usize,
-    chosen: &[Chosen],
     located: &Located,
     ground: &Ground<'_>,
 ) -> Finding {
@@ -155,15 +154,15 @@ fn finding(
     let is_event = own().any(Term::is_event);
     finding.evidence = rivals.evidence;
     finding.evidence.see(&located.location.sensors, &channels);
-    let others = remainder::without(chosen, |id| terms[id].effect == effect);
-    let others = location::residuals(search.library, &others);
-    finding.evidence.see_each(&location::falls(&others, &located.left, &channels));
     if let Some(generic) = ground.generic {
         let channels: Vec<usize> = channels.into_iter().collect();
         let session = search.library.session;
         let lead = generic.lead(session, &channels, &located.left, ground.bootstrap, is_event);
         finding.evidence.generic = lead.weight();
     }
+    let blocks = &ground.training.blocks;
+    finding.evidence.unsteady =
+        steadiness::unsteady(search.library, &main.terms, effect, blocks, ground.bootstrap);
     finding.confidence = finding.evidence.confidence();
     finding.indistinguishable_from =
         rivals.indistinguishable.iter().map(|rival| CATALOGUE[*rival].id().to_owned()).collect();
@@ -208,4 +207,23 @@ fn not_testable(session: &Session) -> Vec<NotTestable> {
         effect.missing(session).map(|missing| NotTestable { effect: effect.id().to_owned(), missing })
     });
     missing.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with_confidences(confidences: &[f64]) -> Vec<Finding> {
+        confidences
+            .iter()
+            .map(|confidence| Finding { confidence: *confidence, ..Finding::default() })
+            .collect()
+    }
+
+    #[test]
+    fn the_least_likely_finding_goes_if_it_is_rather_wrong_than_right() {
+        assert_eq!(least_likely(&with_confidences(&[0.9, 0.3, 0.45])), Some(1));
+        assert_eq!(least_likely(&with_confidences(&[0.9, 0.5, 0.6])), None);
+        assert_eq!(least_likely(&[]), None);
+    }
 }

@@ -71,7 +71,7 @@ pub struct Raw {
 }
 
 /// An effect that was established.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Finding {
     /// Its name in the catalogue.
     pub effect: String,
@@ -118,10 +118,10 @@ pub struct Evidence {
     pub explained: f64,
     /// Gap of its channels beyond the noise, RMS over it.
     pub excess: f64,
-    /// Part of what it explains that a single channel shows, though several should; 0 of what sits on one.
-    pub lone: f64,
     /// Share of the parts of the data in which the effect was chosen by itself.
     pub chosen: f64,
+    /// Share of what it explains that it would explain only with other parameters in every part of the recordings.
+    pub unsteady: f64,
     /// Number of parameters fitted and searched.
     pub freedom: usize,
 }

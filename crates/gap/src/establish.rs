@@ -202,3 +202,57 @@ pub(crate) fn add_events(library: &mut Library<'_>, main: &Choice, chosen: &mut 
         library.prepare(&part.terms, &part.terms);
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::effects::{Place, by_id};
+    use crate::fit::Fold;
+
+    /// One channel in two recordings of a hundred rows, the first of which alone goes beyond 0.5 and the second alone below -0.5.
+    fn session() -> crate::Session {
+        let dir = tempfile::tempdir().unwrap();
+        let description = "format = 1\npurpose = \"comparison\"\ntable = \"table.csv\"\nrecording = \"run\"\n\
+            [[channel]]\nname = \"c\"\nmeasured = \"z\"\nsimulated = \"s\"\nunit = \"N\"\n";
+        let mut text = String::from("run,s,z\n");
+        for (run, sign) in [("up", 1.0), ("down", -1.0)] {
+            for k in 0..100 {
+                let force = sign * (f64::from(k) / 50.0 - 1.0).max(-0.4);
+                text.push_str(&format!("{run},{force},{}\n", force.clamp(-0.5, 0.5)));
+            }
+        }
+        std::fs::write(dir.path().join("comparison.toml"), description).unwrap();
+        std::fs::write(dir.path().join("table.csv"), text).unwrap();
+        crate::comparison::load(dir.path()).unwrap()
+    }
+
+    #[test]
+    fn a_part_that_saw_one_rail_only_is_given_both_as_they_were_read_off() {
+        let session = session();
+        let mut library = Library::new(&session);
+        let effect = by_id("saturation").unwrap();
+        let mut limit = |shape: &[f64]| library.term(effect, Place::Channel(0), shape).unwrap();
+        let [both, high] = [limit(&[0.5, -0.5]), limit(&[0.5])];
+        let unit = |unit: usize| -> Vec<usize> {
+            let of_block = &session.hold_out.unit_of_block;
+            (0..of_block.len()).filter(|block| of_block[*block] == unit).collect()
+        };
+        let fitted_on_up = || Fold { fit: unit(0), score: unit(1) };
+        let part = |terms: &[TermId]| Chosen { fold: fitted_on_up(), terms: terms.to_vec() };
+        let terms_with = |library: &mut Library<'_>, main: TermId, own: &[TermId]| {
+            let mut chosen = vec![part(own)];
+            let main = Choice { terms: vec![main], residual: Vec::new() };
+            add_events(library, &main, &mut chosen);
+            chosen.remove(0).terms
+        };
+        assert_eq!(terms_with(&mut library, both, &[high]), [both]);
+        // A rail that was searched for shows in what was fitted: a part that did not choose it does without, another keeps its own.
+        assert_eq!(terms_with(&mut library, high, &[]), [] as [TermId; 0]);
+        let other = library.term(effect, Place::Channel(0), &[0.45]).unwrap();
+        assert_eq!(terms_with(&mut library, high, &[other]), [other]);
+        // One that what was fitted does not show at all is taken from the choice on everything.
+        let low = library.term(effect, Place::Channel(0), &[-0.5]).unwrap();
+        assert_eq!(terms_with(&mut library, low, &[]), [low]);
+    }
+}

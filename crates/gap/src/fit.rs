@@ -86,6 +86,11 @@ impl Design {
         }
     }
 
+    /// Columns of a term, by its position.
+    pub(crate) fn columns_of(&self, term: usize) -> std::ops::Range<usize> {
+        self.offsets[term]..self.offsets[term + 1]
+    }
+
     /// Number of columns.
     pub(crate) fn width(&self) -> usize {
         self.pinned.len()
@@ -192,14 +197,25 @@ impl Design {
             }
             let own = |column: &&(usize, usize)| column.1 == unit && !self.pinned[column.0];
             let columns: Vec<usize> = self.events.iter().filter(own).map(|(column, _)| *column).collect();
-            columns.iter().for_each(|column| parameters[*column] = 0.0);
-            let (normal, right) = self.weighted(&here, weight);
-            let rest = right - &normal * &*parameters;
-            let Some(factor) = self.regular(&normal, &columns).cholesky() else { continue };
-            let rest = DVector::from_fn(columns.len(), |k, _| rest[columns[k]]);
-            for (column, value) in columns.iter().zip(factor.solve(&rest).iter()) {
-                parameters[*column] = *value;
-            }
+            self.fit_beside(&here, weight, &columns, parameters);
+        }
+    }
+
+    /// Fits these columns on some blocks beside the others, whose parameters stay.
+    pub(crate) fn fit_beside(
+        &self,
+        blocks: &[usize],
+        weight: &dyn Fn(usize) -> f64,
+        columns: &[usize],
+        parameters: &mut DVector<f64>,
+    ) {
+        columns.iter().for_each(|column| parameters[*column] = 0.0);
+        let (normal, right) = self.weighted(blocks, weight);
+        let rest = right - &normal * &*parameters;
+        let Some(factor) = self.regular(&normal, columns).cholesky() else { return };
+        let rest = DVector::from_fn(columns.len(), |k, _| rest[columns[k]]);
+        for (column, value) in columns.iter().zip(factor.solve(&rest).iter()) {
+            parameters[*column] = *value;
         }
     }
 

@@ -42,6 +42,7 @@ mod select;
 pub mod session;
 mod shapes;
 mod spectrum;
+mod steadiness;
 mod words;
 
 pub use apply::apply;

@@ -1,6 +1,6 @@
 //! Where the gap lies: by channel, time, temperature, joint angle, speed, load, before and after.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use crate::attribute::Chosen;
 use crate::diagnosis::{Bin, Location, Raw, SensorByJoint, SensorGap};
@@ -95,12 +95,6 @@ fn sensor(channel: &Channel, [before, after]: [f64; 2], floor: f64) -> SensorGap
         after_raw: after * channel.scale,
         unit: channel.unit.clone(),
     }
-}
-
-/// Fall of the squared residual from one to the other, of each of these channels.
-pub(crate) fn falls(from: &Residuals, to: &Residuals, channels: &BTreeSet<usize>) -> Vec<f64> {
-    let squares = |values: &[Option<f64>]| values.iter().flatten().map(|v| v * v).sum::<f64>();
-    channels.iter().map(|channel| squares(&from[*channel]) - squares(&to[*channel])).collect()
 }
 
 /// What the chosen terms leave on left-out rows.

@@ -170,3 +170,37 @@ impl<'a> Measure<'a> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Blocks of a hundred values with a gap of twice the noise and one cause found, which takes this share of the gap of every block away.
+    fn measure<'a>(bootstrap: &'a Bootstrap, taken: &[f64]) -> Measure<'a> {
+        let before = vec![400.0; taken.len()];
+        let after: Vec<f64> = taken.iter().map(|share| 400.0 * (1.0 - share)).collect();
+        let weigh = |weights: &Vec<f64>| weighted(weights, &after);
+        Measure {
+            refitted: bootstrap.draws().iter().map(weigh).collect(),
+            reducible_blocks: vec![300.0; taken.len()],
+            values: vec![100.0; taken.len()],
+            before,
+            after,
+            floor: 1.0,
+            allowed: 1.0,
+            is_found: true,
+            bootstrap,
+        }
+    }
+
+    #[test]
+    fn a_shrink_that_few_blocks_show_is_not_certain() {
+        let bootstrap = Bootstrap::new(30);
+        let everywhere = vec![0.1; 30];
+        let mut somewhere = vec![-0.02; 30];
+        somewhere[7] = 0.7;
+        let [sure, unsure] = [everywhere, somewhere].map(|taken| measure(&bootstrap, &taken));
+        assert!(sure.surely_shrinks(), "{:?}", sure.shrink());
+        assert!(unsure.shrink().is_some_and(|shrink| shrink > 0.0) && !unsure.surely_shrinks());
+    }
+}

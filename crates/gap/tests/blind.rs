@@ -25,6 +25,10 @@ type Result<T> = std::result::Result<T, Error>;
 const SEED: u64 = 31;
 /// Effects in noise floors.
 const SIZE: f64 = 3.0;
+const LARGE: f64 = 10.0;
+/// Effects whose form is not that of their small beginnings when they are large: an axis that turned far, a cable slack over part of its
+/// way, a limit that is reached often.
+const CURVED: [Kind; 3] = [Kind::SensingAxis, Kind::CableDrag, Kind::Saturation];
 const INSIDE: [Kind; 7] = [
     Kind::Gain,
     Kind::ChannelCoupling,
@@ -44,6 +48,19 @@ fn cases() -> Vec<Case> {
         INSIDE.map(|kind| (Question::Single { size: SIZE, withheld: false }, vec![(kind, SIZE)])).into_iter();
     let outside = OUTSIDE.map(|kind| (Question::Outside { size: SIZE }, vec![(kind, SIZE)])).into_iter();
     nulls.chain(singles).chain(outside).zip(SEED..).map(|(what, seed)| case(what, seed)).collect()
+}
+
+#[test]
+fn large_effects_that_are_not_linear_in_their_size_are_found_at_their_place() {
+    let arm = Arm::new(SEED).unwrap();
+    for (kind, seed) in CURVED.into_iter().zip(SEED..) {
+        let question = Question::Single { size: LARGE, withheld: false };
+        let case = Case { question, put_in: vec![(kind, LARGE)], arm: 0, seed };
+        let outcome = score::run(&case, &arm).unwrap();
+        assert!(outcome.is_first_placed, "{}", outcome.line);
+        let (shrink, oracle) = (outcome.shrink.unwrap(), outcome.oracle.unwrap());
+        assert!(shrink > 0.9 && shrink > oracle - 0.05, "{}", outcome.line);
+    }
 }
 
 #[test]

@@ -8,7 +8,7 @@
 //!   --seed S            seed of all (1000); development and reported figures want different ones
 //!   --sizes A,B,..      sizes in noise floors (0.3,1,3,10)
 //!   --nulls N --pairs N --triples N    sessions of these an arm
-//!   --only NAME         only effects whose names begin so
+//!   --only NAME,..      only effects whose names begin so
 //!   --most N            at most so many sessions
 //!   --session A,B,..    only the sessions of these seeds, as --lines gives them (hexadecimal)
 //!   --jobs N            sessions at a time (2)

@@ -39,7 +39,7 @@ pub(crate) struct Extent {
     pub(crate) pairs: usize,
     pub(crate) triples: usize,
     pub(crate) seed: u64,
-    /// Only effects whose names begin so.
+    /// Only effects whose names begin so, several with commas between.
     pub(crate) only: Option<String>,
 }
 
@@ -79,7 +79,9 @@ impl Extent {
             }
         }
         if let Some(only) = &self.only {
-            let is_asked = |case: &Case| case.put_in.iter().any(|(kind, _)| kind.id().starts_with(only));
+            let is_asked = |case: &Case| {
+                case.put_in.iter().any(|(kind, _)| only.split(',').any(|only| kind.id().starts_with(only)))
+            };
             cases.retain(is_asked);
         }
         for k in (1..cases.len()).rev() {

@@ -188,7 +188,7 @@ fn line_of(finding: &Finding, judged: &Judged) -> String {
     let at = [&finding.links, &finding.joints, &finding.sensors].into_iter().find(|list| !list.is_empty());
     let e = &finding.evidence;
     format!(
-        "{}{}@{} {:.2} share {:.2} (wins {:.3} lead {:.3} {:.2} marg {:.3} wand {:.4} expl {:.3} exc {:.2} lone {:.3} chosen {:.2} free {} right {}){}",
+        "{}{}@{} {:.2} share {:.2} (wins {:.3} lead {:.3} {:.2} marg {:.3} wand {:.4} expl {:.3} exc {:.2} chosen {:.2} free {} unst {:.4} right {}){}",
         if judged.is_right {
             "+"
         } else if judged.holds_truth {
@@ -207,9 +207,9 @@ fn line_of(finding: &Finding, judged: &Judged) -> String {
         e.generic,
         e.explained,
         e.excess,
-        e.lone,
         e.chosen,
         e.freedom,
+        e.unsteady,
         u8::from(judged.holds_truth && judged.is_placed),
         if judged.is_alone() { String::new() } else { format!(" or {}", judged.set[1..].join(",")) }
     )

@@ -96,6 +96,30 @@ fn single_effects_are_named_with_their_parameters() {
     near(&late, "s", 0.13, 0.01);
 }
 
+/// Force of four recordings whose first alone goes far up and whose last alone far down, as a channel with rails shows it.
+fn between_rails([low, high]: [f64; 2]) -> String {
+    let mut noise = Noise::new(6);
+    let mut text = String::from("run,t,s,z,temp\n");
+    for (run, middle) in [3.0, 0.5, -0.5, -3.0].into_iter().enumerate() {
+        for k in 0..400 {
+            let t_s = f64::from(k) * 0.05;
+            let force = middle + 4.0 * (0.7 * t_s + run as f64).sin() + 1.5 * (1.9 * t_s).sin();
+            let read = force.clamp(low, high) + 0.02 * noise.next(0.0);
+            text.push_str(&format!("r{run},{t_s},{force:.6},{read:.6},22\n"));
+        }
+    }
+    text
+}
+
+#[test]
+fn two_rails_are_one_limit_though_each_is_reached_in_a_recording_of_its_own() {
+    let diagnosis = diagnosed(&between_rails([-6.2, 6.5]), "noise = 0.02\n");
+    let first = &diagnosis.findings[0];
+    assert_eq!((first.effect.as_str(), diagnosis.findings.len()), ("saturation", 1), "{diagnosis:?}");
+    // The recording that is left out reaches a rail that none of the others does.
+    assert!(diagnosis.gap.shrink.unwrap() > 0.95, "{:?}", diagnosis.gap);
+}
+
 #[test]
 fn noise_with_a_memory_is_no_cause() {
     let mut named = Vec::new();

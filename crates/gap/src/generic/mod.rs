@@ -75,10 +75,15 @@ struct Ahead {
 }
 
 impl Ahead {
-    /// Share of what is foretold that was not found; nothing of what wanders where it comes again with the motion.
+    /// Share of what is foretold that was not found; of what wanders, where it comes again with the motion, no more than the part that does
+    /// not: what walks is still near itself in a recording soon after, and what a form leaves comes again all but wholly.
     fn share(&self, wanders: bool) -> f64 {
+        if self.foretold <= 0.0 {
+            return 0.0;
+        }
+        let share = (self.all / self.foretold).clamp(0.0, 1.0);
         let comes_again = wanders && self.repeated > 0.0 && self.differs < WANDERS * self.repeated;
-        if comes_again || self.foretold <= 0.0 { 0.0 } else { (self.all / self.foretold).clamp(0.0, 1.0) }
+        if comes_again { share * (self.differs / self.repeated).max(0.0) } else { share }
     }
 }
 
@@ -115,8 +120,7 @@ impl Generic {
     }
 
     /// The model that foretells most of these channels' gap on left-out odd seconds that was not found, `after` being what was left per row;
-    /// a share of 0 where that is not beyond doubt, comes again with the motion though it should not, or is so little that the
-    /// calibration's own errors may do it. Of an event nothing comes again.
+    /// a share of 0 where that is not beyond doubt or so little that the calibration's own errors may do it. Of an event nothing comes again.
     pub(crate) fn lead(
         &self,
         session: &Session,
