@@ -170,7 +170,11 @@ pub(crate) fn rivals(search: &mut Search<'_, '_, '_>, main: &Choice, effect: usi
         lead: if leads.is_empty() { 1.0 } else { quantile(&leads, 0.5) / without.max(f64::MIN_POSITIVE) },
         wins: leads.iter().filter(|lead| **lead > 0.0).count() as f64 / leads.len().max(1) as f64,
         lead_sigmas: lead_sigmas(&leads),
-        freedom: own.iter().map(|index| search.library.terms[main.terms[*index]].freedom()).sum(),
+        freedom: own
+            .iter()
+            .map(|index| search.library.terms[main.terms[*index]].freedom())
+            .max()
+            .unwrap_or(0),
         ..Evidence::default()
     };
     Rivals { indistinguishable, evidence }

@@ -32,7 +32,7 @@ impl Evidence {
 
 /// Log odds per unit of the evidence: constant; logarithms of the lead over the best rival, of what leaving it out would cost and of what is
 /// left on its channels; lead of the model that knows no physics, and what wants other parameters in every part of the recordings (logarithms,
-/// too, from a little on); logarithm of the number of its parameters. By ridge regression (D. Cox, J. R. Statist. Soc. B 20, 1958) on the findings
+/// too, from a little on); logarithm of the number of its parameters at a place. By ridge regression (D. Cox, J. R. Statist. Soc. B 20, 1958) on the findings
 /// of development sessions of the blind benchmark (seeds 777, 515151, 9001 to 9003, 9101), among them those that are told where the effect which
 /// was put in is withheld from the catalogue: a user's arm may have a cause that no catalogue holds. Sessions of other seeds, in the README's
 /// table of reliability, judge it.

@@ -122,7 +122,7 @@ pub struct Evidence {
     pub chosen: f64,
     /// Share of what it explains that it would explain only with other parameters in every part of the recordings.
     pub unsteady: f64,
-    /// Number of parameters fitted and searched.
+    /// Parameters that are searched or fitted at a place, the most of any.
     pub freedom: usize,
 }
 
