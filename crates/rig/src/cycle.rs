@@ -13,6 +13,7 @@ mod isolation;
 mod joint;
 mod lag;
 mod low_pass;
+mod one_frame;
 mod several;
 mod stage;
 mod stuck;

@@ -257,6 +257,16 @@ impl WrenchEstimator {
         self.present.iter().map(|row| row.gauge)
     }
 
+    /// What each gauge used by the last estimate reads beyond this wrench (counts), with the variance of its own noise and of the joints' motion
+    /// (counts^2): what differs from one instant to the next though the load does not. Gauge, reading, variance.
+    pub fn beyond<'a>(&'a self, wrench: &Wrench<Tip>) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
+        let wrench = wrench.to_vector();
+        self.present.iter().enumerate().map(move |(at, row)| {
+            let variance = self.gauges[row.gauge].noise_counts2 + self.motion_variance(at);
+            (row.gauge, row.value - row.tip.dot(&wrench), variance)
+        })
+    }
+
     /// How faults of single gauges would show in the last estimate, which gave `wrench`; false where it gave none.
     pub fn redundancy(&mut self, wrench: &Wrench<Tip>, out: &mut Redundancy) -> bool {
         self.gls.redundancy(&wrench.to_vector(), None, out)

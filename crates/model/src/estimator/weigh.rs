@@ -113,6 +113,12 @@ impl WrenchEstimator {
         }
     }
 
+    /// Variance that the joints' uncertain motion gives a row, counts^2.
+    pub(super) fn motion_variance(&self, at: usize) -> f64 {
+        let errors = self.turning.chunks(self.gls.stride()).chain(self.steady.chunks(self.gls.stride()));
+        errors.map(|effects| effects[at / 4].as_array()[at % 4].powi(2)).sum()
+    }
+
     fn push_rows(&mut self, wrench: &Wrench<Tip>, wrench_covariance: impl Fn() -> Matrix6<f64>) {
         self.by_calibration.clear();
         self.by_calibration.extend(self.fours.iter().map(|four| four.variances(wrench)));

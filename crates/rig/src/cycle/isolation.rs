@@ -12,8 +12,10 @@
 use model::estimator::{GaugeReading, Redundancy, Solution, WrenchEstimator};
 use model::sensing::CHARACTERISTIC_LENGTH_M;
 
+use super::one_frame::OneFrame;
 use super::window::Window;
 use super::{INVALID_ABOVE_N, PARITY_LIMIT_SIGMA};
+use crate::Rig;
 use crate::model_file::ModelFile;
 use crate::status::Status;
 
@@ -70,6 +72,17 @@ impl Judgement {
     };
 }
 
+impl Judgement {
+    /// Takes in that the wrench may be off by so much more (N, Nm).
+    fn doubt(&mut self, more: &[f64; 6]) {
+        self.protection.iter_mut().zip(more).for_each(|(level, more)| *level += more);
+        self.status = self.status.with(Status::UNCERTAIN);
+        if self.worth == Worth::Bounded && worst_n(&self.protection) > INVALID_ABOVE_N {
+            self.worth = Worth::Unbounded;
+        }
+    }
+}
+
 /// What the spare gauges leave of a wrench.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Worth {
@@ -111,6 +124,9 @@ struct Out {
 /// Fault detection and isolation of one cycle. Allocates at construction only.
 #[derive(Clone, Debug)]
 pub(super) struct Isolation {
+    one_frame: OneFrame,
+    /// What a single frame may have made of the last instant, N and Nm.
+    doubt: Option<[f64; 6]>,
     redundancy: Redundancy,
     means: Redundancy,
     window: Window,
@@ -132,13 +148,15 @@ pub(super) struct Isolation {
 }
 
 impl Isolation {
-    pub(super) fn new(model: &ModelFile) -> Self {
+    pub(super) fn new(rig: &Rig, model: &ModelFile) -> Self {
         let n = model.sensors.len();
         let white = |sensor: &crate::model_file::Sensor| {
             let slow = sensor.noise_slow_share.clamp(LEAST_SLOW_SHARE, 1.0);
             sensor.noise_floor_counts.powi(2) * (1.0 - slow)
         };
         Self {
+            one_frame: OneFrame::new(rig),
+            doubt: None,
             redundancy: Redundancy::new(n),
             means: Redundancy::new(n),
             window: Window::new(n),
@@ -208,6 +226,12 @@ impl Isolation {
         let (previous, least) =
             (before[before.len() - 1], before.iter().copied().fold(f64::INFINITY, f64::min));
         self.look(estimator, [previous, least], &mut judgement);
+        if self.last_ns != Some(instant_ns) {
+            self.doubt = self.one_frame.doubt(instant_ns, estimator, solution);
+        }
+        if let Some(doubt) = &self.doubt {
+            judgement.doubt(doubt);
+        }
         let step_ns = self.last_ns.map_or(0, |last_ns| instant_ns.saturating_sub(last_ns));
         if self.last_ns.replace(instant_ns) != Some(instant_ns) {
             let ends =

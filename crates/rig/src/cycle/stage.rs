@@ -68,7 +68,7 @@ impl Stage {
     pub fn of_model(rig: &Rig, model: &ModelFile) -> Self {
         let (chain, arm) = model.arm(&rig.chain);
         let estimator = WrenchEstimator::with_arm(&chain, &rig.sections, model.gauges(), arm);
-        Self::with(estimator, Some(Isolation::new(model)))
+        Self::with(estimator, Some(Isolation::new(rig, model)))
     }
 
     fn with(estimator: WrenchEstimator, isolation: Option<Isolation>) -> Self {

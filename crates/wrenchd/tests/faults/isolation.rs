@@ -92,8 +92,8 @@ impl Pose {
         outcome
     }
 
-    /// Lengths in standard deviations of what one count in a gauge shows over 50 ms: whole, and beside the nearest other gauge's line.
-    fn shows(&self) -> Vec<(f64, f64)> {
+    /// What one count in each gauge shows to the spare ones, in standard deviations of a mean over so many instants.
+    fn signatures(&self, instants: f64) -> Vec<DVector<f64>> {
         let (mut cycle, truth) = (self.cycle(), truth(&self.rig));
         (self.simulator)().take(2000).for_each(|frame| cycle.push(&frame, |_| {}));
         let estimator = cycle.stage().estimator();
@@ -102,7 +102,7 @@ impl Pose {
             .iter()
             .map(|g| {
                 let slow = g.noise.slow_share;
-                g.noise.sigma_counts * (slow + (1.0 - slow) / INSTANTS).sqrt()
+                g.noise.sigma_counts * (slow + (1.0 - slow) / instants).sqrt()
             })
             .collect();
         let a = DMatrix::from_fn(8, 6, |i, k| {
@@ -111,18 +111,49 @@ impl Pose {
         });
         let u = a.svd(true, false).u.unwrap();
         let projector = DMatrix::identity(8, 8) - &u * u.transpose();
-        let signature =
-            |i: usize| &projector * DVector::from_fn(8, |k, _| if k == i { 1.0 / sigma[i] } else { 0.0 });
-        (0..8)
-            .map(|i| {
-                let own = signature(i);
-                let beside = |j: usize| {
-                    (&own - own.dot(&signature(j)) / signature(j).norm_squared() * signature(j)).norm()
-                };
-                let nearest = (0..8).filter(|j| *j != i).map(beside).fold(f64::INFINITY, f64::min);
-                (own.norm(), nearest)
-            })
-            .collect()
+        let one = |i: usize| DVector::from_fn(8, |k, _| if k == i { 1.0 / sigma[i] } else { 0.0 });
+        (0..8).map(|i| &projector * one(i)).collect()
+    }
+
+    /// Lengths in standard deviations of what one count in a gauge shows over 50 ms: whole, and beside the nearest other gauge's line.
+    fn shows(&self) -> Vec<(f64, f64)> {
+        let signatures = self.signatures(INSTANTS);
+        let of = |(i, own): (usize, &DVector<f64>)| {
+            let beside = |other: &DVector<f64>| (own - other * share(own, other)).norm();
+            let others = signatures.iter().enumerate().filter(|(j, _)| *j != i);
+            (own.norm(), others.map(|(_, other)| beside(other)).fold(f64::INFINITY, f64::min))
+        };
+        signatures.iter().enumerate().map(of).collect()
+    }
+}
+
+/// How much of another a vector holds.
+fn share(own: &DVector<f64>, other: &DVector<f64>) -> f64 {
+    own.dot(other) / other.norm_squared()
+}
+
+/// Both gauges of a frame whose bits turned can hide each other from the spare ones, and move the wrench far beyond what one gauge could.
+#[test]
+fn a_frame_that_is_wrong_in_both_its_gauges_is_doubted_where_they_hide_each_other() {
+    /// What the spare gauges may see of it without a word, standard deviations.
+    const SEEN_SIGMA: f64 = 4.0;
+    for seed in 1..7 {
+        let pose = pose(seed, 0.7);
+        let signatures = pose.signatures(1.0);
+        for first in [0, 2, 4, 6] {
+            let (own, other) = (&signatures[first], &signatures[first + 1]);
+            let by = share(own, other);
+            // As far as 24 bits and the gauges' ranges go.
+            let counts = (SEEN_SIGMA / (own - other * by).norm()).min(5e5 / by.abs().max(1.0));
+            let outcome = pose.run(|since_s, gauge, reading| match gauge {
+                _ if since_s > 0.9 / RATE_HZ => reading,
+                gauge if gauge == first => reading + counts,
+                gauge if gauge == first + 1 => reading - by * counts,
+                _ => reading,
+            });
+            assert_eq!(outcome.wrong, 0, "pose {seed}, gauges {first} and next: {outcome:?}");
+            assert!(outcome.last.is_some_and(|last| last.status == Status::GOOD), "pose {seed}, {first}");
+        }
     }
 }
 
