@@ -103,9 +103,8 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
             finding.words = words::of_finding(&finding, effect, place(search.library, &main, effect));
             findings.push(finding);
         }
-        if !measure.surely_shrinks()
-            && let Some(bit) = least_likely(&findings)
-        {
+        let least = if measure.surely_shrinks() { POSSIBLE } else { LIKELY };
+        if let Some(bit) = least_likely(&findings, least) {
             kept.leave_out(&library, &mut chosen, bit);
             continue;
         }
@@ -131,11 +130,14 @@ pub fn diagnose_without(session: &Session, without: &[&str], mut tell: impl FnMu
 /// A finding rather wrong than right goes where the shrink as a whole is not certain.
 const LIKELY: f64 = 0.5;
 
-/// The finding that is least likely right, if that is less than half.
-fn least_likely(findings: &[Finding]) -> Option<usize> {
+/// One that is wrong forty-nine times of fifty goes in any case.
+const POSSIBLE: f64 = 0.02;
+
+/// The finding that is least likely right, if that is less likely than this.
+fn least_likely(findings: &[Finding], likely: f64) -> Option<usize> {
     let least =
         (0..findings.len()).min_by(|a, b| findings[*a].confidence.total_cmp(&findings[*b].confidence))?;
-    (findings[least].confidence < LIKELY).then_some(least)
+    (findings[least].confidence < likely).then_some(least)
 }
 
 /// What was found of one effect; its share and words are still to be told.
@@ -222,8 +224,10 @@ mod tests {
 
     #[test]
     fn the_least_likely_finding_goes_if_it_is_rather_wrong_than_right() {
-        assert_eq!(least_likely(&with_confidences(&[0.9, 0.3, 0.45])), Some(1));
-        assert_eq!(least_likely(&with_confidences(&[0.9, 0.5, 0.6])), None);
-        assert_eq!(least_likely(&[]), None);
+        assert_eq!(least_likely(&with_confidences(&[0.9, 0.3, 0.45]), LIKELY), Some(1));
+        assert_eq!(least_likely(&with_confidences(&[0.9, 0.5, 0.6]), LIKELY), None);
+        assert_eq!(least_likely(&with_confidences(&[0.9, 0.3, 0.01]), POSSIBLE), Some(2));
+        assert_eq!(least_likely(&with_confidences(&[0.9, 0.3, 0.03]), POSSIBLE), None);
+        assert_eq!(least_likely(&[], LIKELY), None);
     }
 }

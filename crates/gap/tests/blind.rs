@@ -29,6 +29,8 @@ const LARGE: f64 = 10.0;
 /// Effects whose form is not that of their small beginnings when they are large: an axis that turned far, a cable slack over part of its
 /// way, a limit that is reached often.
 const CURVED: [Kind; 3] = [Kind::SensingAxis, Kind::CableDrag, Kind::Saturation];
+/// What practice adds to the usual effects.
+const OF_PRACTICE: [Kind; 4] = [Kind::Backlash, Kind::LinkOffset, Kind::FrameLoss, Kind::Quantisation];
 const INSIDE: [Kind; 7] = [
     Kind::Gain,
     Kind::ChannelCoupling,
@@ -60,6 +62,17 @@ fn large_effects_that_are_not_linear_in_their_size_are_found_at_their_place() {
         assert!(outcome.is_first_placed, "{}", outcome.line);
         let (shrink, oracle) = (outcome.shrink.unwrap(), outcome.oracle.unwrap());
         assert!(shrink > 0.9 && shrink > oracle - 0.05, "{}", outcome.line);
+    }
+}
+
+#[test]
+fn effects_of_practice_are_found_at_their_place() {
+    let arm = Arm::new(SEED).unwrap();
+    for (kind, seed) in OF_PRACTICE.into_iter().zip(SEED..) {
+        let question = Question::Single { size: SIZE, withheld: false };
+        let case = Case { question, put_in: vec![(kind, SIZE)], arm: 0, seed };
+        let outcome = score::run(&case, &arm).unwrap();
+        assert!(outcome.is_first_placed, "{}", outcome.line);
     }
 }
 

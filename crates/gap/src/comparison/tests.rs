@@ -120,6 +120,38 @@ fn two_rails_are_one_limit_though_each_is_reached_in_a_recording_of_its_own() {
     assert!(diagnosis.gap.shrink.unwrap() > 0.95, "{:?}", diagnosis.gap);
 }
 
+/// The table with what is measured changed, line by line of each recording.
+fn transferred(text: &str, mut of: impl FnMut(usize, f64) -> f64) -> String {
+    let mut lines = text.lines();
+    let mut out = format!("{}\n", lines.next().unwrap_or_default());
+    for (row, line) in lines.enumerate() {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        cells[3] = format!("{:.6}", of(row % 400, cells[3].parse().unwrap()));
+        out.push_str(&format!("{}\n", cells.join(",")));
+    }
+    out
+}
+
+#[test]
+fn coarse_steps_and_readings_that_are_the_last_again_are_told_by_the_readings_themselves() {
+    let whole = table(8, |s, _, _| s);
+    let steps = diagnosed(&transferred(&whole, |_, z| (z / 1.5).round() * 1.5), "noise = 0.1\n");
+    assert_eq!(steps.findings[0].effect, "quantisation", "{steps:?}");
+    assert!((steps.findings[0].parameters["step"].value - 1.5).abs() < 1e-3, "{steps:?}");
+    let mut last = 0.0;
+    let held = transferred(&whole, |row, z| {
+        // Every second second six readings are lost.
+        if row % 40 < 34 {
+            last = z;
+        }
+        last
+    });
+    let held = diagnosed(&held, "noise = 0.1\n");
+    assert_eq!(held.findings[0].effect, "frame_loss", "{held:?}");
+    assert!((held.findings[0].parameters["share"].value - 0.15).abs() < 1e-3, "{held:?}");
+    assert!(held.gap.shrink.unwrap() > 0.9, "{:?}", held.gap);
+}
+
 #[test]
 fn noise_with_a_memory_is_no_cause() {
     let mut named = Vec::new();
@@ -222,6 +254,11 @@ fn columns_of_an_arm_are_those_of_a_pendulum() {
     // It yields towards its load by torque over stiffness.
     let yielding = |q: f64| WEIGHT_N * 0.3 * q.cos() * WEIGHT_N * 0.3 * q.sin();
     check("joint_flexibility", Place::Joint(0), "nm_per_rad", &yielding);
+    let ripple = CATALOGUE[by_id("torque_ripple").unwrap()].columns(&session, Place::Joint(0), &[7.0, 1.0]);
+    for (row, q) in session.joints[0].position_rad.iter().enumerate() {
+        // It grows with the load, which is largest where the arm is level: nearest in row 20.
+        assert!((ripple[0].parts[0].1[row] - (7.0 * q).sin() * q.cos()).abs() < 1e-6, "{row}");
+    }
     let tilt = columns("base_tilt", Place::Base);
     for (row, q) in session.joints[0].position_rad.iter().enumerate() {
         // What gravity loses along itself comes beside the two turns.

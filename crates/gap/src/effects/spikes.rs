@@ -15,6 +15,8 @@ const REACH: usize = 3;
 const FAR: [f64; 3] = [6.5, 9.0, 13.0];
 /// Fewer than so many in all recordings are no fault of the sensor.
 const FEWEST: usize = 10;
+/// And by more than so many of the sensor's steps.
+const STEPS: f64 = 2.5;
 /// Median magnitude of a Gaussian number over its standard deviation.
 const MEDIAN_MAGNITUDE: f64 = 0.674_489_75;
 
@@ -88,7 +90,10 @@ fn departures(session: &Session, channel: usize, far: f64) -> Vec<f64> {
     let read = values.iter().enumerate().filter(|(row, _)| own.is_read(*row));
     let mut sizes: Vec<f64> = read.map(|(_, value)| value.abs()).collect();
     let usual = median(&mut sizes) / MEDIAN_MAGNITUDE;
-    let is_far = |row: usize| values[row].abs() > far * usual;
+    // Where a signal in coarse steps goes from one to the next is no spike.
+    let step = super::quantisation::resolution(session, channel).unwrap_or(0.0);
+    let beyond = (far * usual).max(STEPS * step);
+    let is_far = |row: usize| values[row].abs() > beyond;
     let is_spike = |row: usize| is_far(row) && is_alone(session, own, row, &is_far);
     (0..values.len()).map(|row| if is_spike(row) { values[row] } else { 0.0 }).collect()
 }

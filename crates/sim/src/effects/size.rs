@@ -42,10 +42,10 @@ pub(super) fn scaled(
     )))
 }
 
-/// Steps of less than three deviations of the noise are noise themselves: a hundredth of their sawtooth is left (Widrow and Kollár).
+/// Steps of less than five deviations of the noise are mostly noise themselves: less than half of their sawtooth is left (Widrow and Kollár).
 fn is_above_noise(effect: &Effect, truth: &Truth) -> bool {
     let (Kind::Quantisation, Place::Gauge(gauge)) = (effect.kind, effect.place) else { return true };
-    effect.strength > 3.0 * truth.gauges[gauge].noise.sigma_counts
+    effect.strength > 5.0 * truth.gauges[gauge].noise.sigma_counts
 }
 
 /// RMS of the difference of the gauge that shows it most, over its noise floor.
