@@ -326,6 +326,14 @@ pub(super) fn is_loaded(session: &Session) -> bool {
     arm(session).is_some_and(|arm| arm.carried.iter().any(|(_, body)| body.mass_kg > 0.0))
 }
 
+/// Whether what hangs on the tip or acts on it is not the same all the time.
+pub(super) fn carries_by_turns(session: &Session) -> bool {
+    arm(session).is_some_and(|arm| {
+        let is_first = |(_, body): &(Range<usize>, RigidBody)| *body == arm.carried[0].1;
+        !arm.carried.iter().all(is_first) || arm.wrench.iter().any(|wrench| *wrench != arm.wrench[0])
+    })
+}
+
 /// Name of the mass of a link over the simulation's, less one.
 pub(super) const RELATIVE_MASS: &str = "relative_mass";
 

@@ -1,7 +1,7 @@
-//! Friction in parallel with the sensor: against the motion (Coulomb), more of it where it begins (Stribeck), growing with speed (viscous).
+//! Friction in parallel with the sensor: against the motion (Coulomb), growing with speed (viscous).
 //!
-//! `(coulomb + stribeck exp(-(q'/v_s)^2)) tanh(q'/v) + viscous q'` (B. Armstrong-Hélouvry et al., Automatica 30, 1994); friction between motor
-//! and sensor is invisible to a sensor on the link's side. The shape is v and which of the parts take part.
+//! `coulomb tanh(q'/v) + viscous q'` (B. Armstrong-Hélouvry et al., Automatica 30, 1994); friction between motor and sensor is invisible
+//! to a sensor on the link's side. The shape is v and whether the viscous part takes part.
 
 use super::*;
 
@@ -39,7 +39,6 @@ impl Effect for Friction {
         let kinds = [COULOMB, BOTH];
         let mut shapes: Vec<Shape> = kinds.iter().flat_map(|kind| speeds.map(|v| vec![v, *kind])).collect();
         shapes.push(vec![0.0, VISCOUS]);
-        shapes.push(vec![STRIBECK_RAD_S / 5.0, STRIBECK]);
         shapes
     }
 
@@ -55,13 +54,6 @@ impl Effect for Friction {
                 let values = velocity.iter().map(|v| per_nm * (v / shape[0]).tanh()).collect();
                 columns.push(
                     Column::value("coulomb_nm", "Nm", size_nm, channel, values).braking(session, channel),
-                );
-            }
-            if shape[1] == STRIBECK {
-                let dip = |v: &f64| per_nm * (v / shape[0]).tanh() * (-(v / STRIBECK_RAD_S).powi(2)).exp();
-                let values = velocity.iter().map(dip).collect();
-                columns.push(
-                    Column::value("stribeck_nm", "Nm", size_nm, channel, values).braking(session, channel),
                 );
             }
             let fastest = velocity.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
@@ -84,7 +76,3 @@ impl Effect for Friction {
 const COULOMB: f64 = 0.0;
 const BOTH: f64 = 1.0;
 const VISCOUS: f64 = 2.0;
-const STRIBECK: f64 = 3.0;
-
-/// Speed at which most of what is more at the beginning is gone, rad/s: greased bearings and gears.
-const STRIBECK_RAD_S: f64 = 0.05;

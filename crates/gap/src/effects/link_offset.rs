@@ -21,7 +21,12 @@ impl Effect for LinkOffset {
     }
 
     fn missing(&self, session: &Session) -> Option<String> {
-        arm::without_masses(session)
+        // While the arm carries the same it is a first moment of the link before.
+        let is_varied = || arm::carries_by_turns(session);
+        arm::without_masses(session).or_else(|| {
+            (!is_varied())
+                .then(|| "recordings with different weights at the tip (declared [[load]]s)".to_owned())
+        })
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {
