@@ -22,7 +22,7 @@ const IMPLAUSIBLE_BESIDE_ERRORS: f64 = 4.0;
 /// In place of an effect's index: a direction in which the simulation is uncertain.
 const DOUBT: usize = usize::MAX;
 /// Columns that are kept rather than computed again, bytes.
-const KEPT_BYTES: usize = 24 << 20;
+const KEPT_BYTES: usize = 16 << 20;
 
 /// Products of pairs that are kept when the next part of the data is looked at, bytes.
 const PAIRS_BYTES: usize = 48 << 20;
@@ -186,7 +186,7 @@ impl<'a> Library<'a> {
 }
 
 /// Terms that are made at a time: their columns are all in memory.
-const TOGETHER: usize = 16;
+const TOGETHER: usize = 12;
 
 /// A term with its columns.
 struct Made {
