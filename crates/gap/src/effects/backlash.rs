@@ -38,7 +38,7 @@ impl Effect for Backlash {
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Joint(joint) = place else { return Vec::new() };
         let Some(torque_nm) = arm::yielding_torque_nm(session, joint) else { return Vec::new() };
-        let most_nm = torque_nm.iter().fold(0.0, |most: f64, torque| most.max(torque.abs()));
+        let most_nm = largest(&torque_nm);
         let is_pushed = |torque: &&f64| torque.abs() > TAKEN_UP * most_nm;
         let forth = torque_nm.iter().filter(is_pushed).filter(|torque| **torque > 0.0).count();
         let back = torque_nm.iter().filter(is_pushed).count() - forth;

@@ -7,12 +7,10 @@ use super::*;
 /// Readings that are not new.
 pub(super) struct FrameLoss;
 
-/// Fewer than so many in all recordings are no fault of the transfer.
+/// Fewer than so many in all recordings are no fault of the transfer, and fewer new ones no signal.
 const FEWEST: usize = 25;
 /// A sensor whose steps are larger than this share of its noise may repeat itself.
 const COARSE: f64 = 0.2;
-/// Readings are the same within this share of what the gap is counted in: they were summed up from simulation and gap.
-const SAME: f64 = 1e-6;
 
 impl Effect for FrameLoss {
     fn id(&self) -> &'static str {
@@ -38,8 +36,8 @@ impl Effect for FrameLoss {
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Channel(channel) = place else { return Vec::new() };
         let held = held(session, channel);
-        let count = held.iter().filter(|since| since.is_some()).count();
-        if count < FEWEST || 2 * count > held.len() * 2 - FEWEST || is_coarse(session, channel) {
+        let again = held.iter().flatten().count();
+        if again.min(held.len() - again) < FEWEST || is_coarse(session, channel) {
             return Vec::new();
         }
         let own = &session.channels[channel].simulated;
@@ -50,8 +48,7 @@ impl Effect for FrameLoss {
     fn report(&self, session: &Session, term: &Fitted<'_>) -> Option<Vec<Reported>> {
         let Place::Channel(channel) = term.place else { return None };
         let held = held(session, channel);
-        let share = held.iter().filter(|since| since.is_some()).count() as f64
-            / session.channels[channel].count().max(1) as f64;
+        let share = held.iter().flatten().count() as f64 / session.channels[channel].count().max(1) as f64;
         Some(vec![("share".to_owned(), share, None, "1".to_owned())])
     }
 
@@ -63,11 +60,11 @@ impl Effect for FrameLoss {
 /// For every row whose reading is the one before again, the row that it was new at.
 fn held(session: &Session, channel: usize) -> Vec<Option<usize>> {
     let own = &session.channels[channel];
-    let reading = |row: usize| own.simulated[row] + own.gap[row];
+    let reading = |row: usize| readings::at(session, channel, row);
     let mut held = vec![None; session.rows()];
     for rows in &session.segments {
         for row in rows.clone().skip(1).filter(|row| own.is_read(*row) && own.is_read(row - 1)) {
-            if (reading(row) - reading(row - 1)).abs() < SAME * own.scale {
+            if readings::are_same(session, channel, reading(row), reading(row - 1)) {
                 held[row] = Some(held[row - 1].unwrap_or(row - 1));
             }
         }
@@ -78,6 +75,6 @@ fn held(session: &Session, channel: usize) -> Vec<Option<usize>> {
 /// Whether the sensor's steps are so large that it says the same by chance.
 fn is_coarse(session: &Session, channel: usize) -> bool {
     let own = &session.channels[channel];
-    let smallest = super::quantisation::resolution(session, channel);
+    let smallest = readings::resolution(session, channel);
     smallest.is_none_or(|step| step > COARSE * own.scale)
 }

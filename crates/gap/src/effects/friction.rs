@@ -56,7 +56,7 @@ impl Effect for Friction {
                     Column::value("coulomb_nm", "Nm", size_nm, channel, values).braking(session, channel),
                 );
             }
-            let fastest = velocity.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            let fastest = largest(velocity);
             if shape[1] != COULOMB && fastest > 0.0 {
                 let turned = velocity.iter().map(|v| per_nm * v).collect();
                 columns.push(

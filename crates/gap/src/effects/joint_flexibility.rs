@@ -38,7 +38,7 @@ impl Effect for JointFlexibility {
     fn columns(&self, session: &Session, place: Place, _shape: &[f64]) -> Vec<Column> {
         let Place::Joint(joint) = place else { return Vec::new() };
         let Some(torque_nm) = arm::yielding_torque_nm(session, joint) else { return Vec::new() };
-        let most_nm = torque_nm.iter().fold(0.0, |most: f64, torque| most.max(torque.abs()));
+        let most_nm = largest(&torque_nm);
         let plausible = STIFF_RAD_PER_NM.max(USUAL_RAD / most_nm.max(f64::MIN_POSITIVE));
         let heading = ("nm_per_rad", "Nm/rad", plausible.min(SOFT_RAD_PER_NM));
         let columns = arm::turn_columns(session, joint, |row| torque_nm[row], heading);

@@ -22,11 +22,8 @@ impl Effect for LinkOffset {
 
     fn missing(&self, session: &Session) -> Option<String> {
         // While the arm carries the same it is a first moment of the link before.
-        let is_varied = || arm::carries_by_turns(session);
-        arm::without_masses(session).or_else(|| {
-            (!is_varied())
-                .then(|| "recordings with different weights at the tip (declared [[load]]s)".to_owned())
-        })
+        let same = || (!arm::carries_by_turns(session)).then(|| WEIGHTS.to_owned());
+        arm::without_masses(session).or_else(same)
     }
 
     fn places(&self, session: &Session) -> Vec<Place> {
@@ -46,3 +43,5 @@ impl Effect for LinkOffset {
         "held poses far apart, with nothing at the tip and then with a known weight"
     }
 }
+
+const WEIGHTS: &str = "recordings with different weights at the tip (declared [[load]]s)";

@@ -28,6 +28,7 @@ mod mains_pickup;
 mod nonlinearity;
 mod payload;
 mod quantisation;
+mod readings;
 mod saturation;
 mod spikes;
 mod temperature_gain;
@@ -375,6 +376,11 @@ fn decay(x: f64) -> f64 {
 
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// The largest magnitude among values.
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |most: f64, value| most.max(value.abs()))
 }
 
 fn deviation(values: &[f64]) -> f64 {

@@ -91,33 +91,10 @@ fn sawtooth(from_level: f64, step: f64, noise: f64) -> f64 {
     (1..=HARMONICS).map(harmonic).sum()
 }
 
-/// Readings of the rows that may be looked at, in rising order: where recordings have seconds, of the even ones.
-fn readings(session: &Session, channel: usize) -> Vec<f64> {
-    let own = &session.channels[channel];
-    let hold_out = &session.hold_out;
-    let may_look = |row: &usize| {
-        own.is_read(*row) && (hold_out.is_even.is_empty() || hold_out.is_even(hold_out.block_of_row[*row]))
-    };
-    let mut read: Vec<f64> =
-        (0..session.rows()).filter(may_look).map(|row| own.simulated[row] + own.gap[row]).collect();
-    read.sort_by(f64::total_cmp);
-    read
-}
-
-/// Smallest difference between two readings that are not the same (channel's unit).
-pub(super) fn resolution(session: &Session, channel: usize) -> Option<f64> {
-    let same = SAME * session.channels[channel].scale;
-    let read = readings(session, channel);
-    read.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > same).min_by(f64::total_cmp)
-}
-
-/// Readings are the same within this share of what the gap is counted in: they were summed up from simulation and gap.
-const SAME: f64 = 1e-6;
-
 /// Step and one level of the staircase that the readings stand on, if they do.
 fn staircase(session: &Session, channel: usize) -> Option<(f64, f64)> {
-    let step = resolution(session, channel)?;
-    let read = readings(session, channel);
+    let read = readings::sorted(session, channel);
+    let step = readings::smallest_step(session, channel, &read)?;
     let apart: Vec<f64> =
         read.windows(2).map(|pair| (pair[1] - pair[0]) / step).filter(|steps| *steps > 0.5).collect();
     let whole = apart.iter().filter(|steps| (*steps - steps.round()).abs() < EXACTLY).count();

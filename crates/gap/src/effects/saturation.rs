@@ -75,18 +75,11 @@ fn span(values: &[f64]) -> (f64, f64) {
 const AT_THE_LIMIT: usize = 25;
 
 /// Lowest and highest of what was read (channel's unit), by the median of the outermost readings: a limit that is reached is where these
-/// are, even if only one recording reaches it. Where recordings have seconds, of the even ones, as for all that one unit shows alone.
+/// are, even if only one recording reaches it.
 fn outermost(session: &Session, channel: usize) -> Vec<f64> {
-    let own = &session.channels[channel];
-    let hold_out = &session.hold_out;
-    let may_look = |row: &usize| {
-        own.is_read(*row) && (hold_out.is_even.is_empty() || hold_out.is_even(hold_out.block_of_row[*row]))
-    };
-    let mut read: Vec<f64> =
-        (0..session.rows()).filter(may_look).map(|row| own.simulated[row] + own.gap[row]).collect();
+    let read = readings::sorted(session, channel);
     if read.len() < 4 * AT_THE_LIMIT {
         return Vec::new();
     }
-    read.sort_by(f64::total_cmp);
     vec![read[AT_THE_LIMIT / 2], read[read.len() - 1 - AT_THE_LIMIT / 2]]
 }

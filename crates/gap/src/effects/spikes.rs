@@ -91,7 +91,7 @@ fn departures(session: &Session, channel: usize, far: f64) -> Vec<f64> {
     let mut sizes: Vec<f64> = read.map(|(_, value)| value.abs()).collect();
     let usual = median(&mut sizes) / MEDIAN_MAGNITUDE;
     // Where a signal in coarse steps goes from one to the next is no spike.
-    let step = super::quantisation::resolution(session, channel).unwrap_or(0.0);
+    let step = readings::resolution(session, channel).unwrap_or(0.0);
     let beyond = (far * usual).max(STEPS * step);
     let is_far = |row: usize| values[row].abs() > beyond;
     let is_spike = |row: usize| is_far(row) && is_alone(session, own, row, &is_far);

@@ -86,7 +86,7 @@ fn strength(session: &Session, joint: usize, kind: f64) -> Option<Vec<f64>> {
         return Some(vec![1.0; session.rows()]);
     }
     let torque_nm = arm::yielding_torque_nm(session, joint)?;
-    let most_nm = torque_nm.iter().fold(f64::MIN_POSITIVE, |most: f64, torque| most.max(torque.abs()));
+    let most_nm = largest(&torque_nm).max(f64::MIN_POSITIVE);
     Some(torque_nm.iter().map(|torque| torque.abs() / most_nm).collect())
 }
 
