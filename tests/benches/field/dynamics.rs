@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use model::chain::Section;
 use model::dynamics::Dynamics;
-use model::estimator::{GaugeModel, GaugeReading, WrenchEstimator};
+use model::estimator::{GaugeModel, GaugeReading, Gls, WrenchEstimator};
 use model::motion::JointMotion;
 use model::spatial::Wrench;
 use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
@@ -159,6 +159,31 @@ impl Problem {
         Ok((per_row_ns(begun), found.sum()))
     }
 
+    /// The least that an arm at rest needs: its load by gravity, a wrench weighed by the gauges' own noise, and its covariance.
+    fn estimate_at_rest(&self) -> Check<(f64, f64)> {
+        let mut dynamics = Dynamics::new(&self.rig.chain, self.sections());
+        let mut solver = Gls::new(GAUGES);
+        let mut positions_rad = vec![0.0; dynamics.coordinates()];
+        let mut found = Vector6::zeros();
+        let begun = processor_s();
+        for row in &self.rows {
+            let to = positions_rad.iter_mut().zip(&row.motion);
+            to.for_each(|(to, joint)| *to = joint.position_rad);
+            dynamics.update_static(&positions_rad);
+            solver.clear();
+            for (number, (gauge, reading)) in
+                self.gauges.iter().zip(row.readings.iter().flatten()).enumerate()
+            {
+                let own = gauge.bias_counts + gauge.compliance.dot(&dynamics.load(number));
+                let to_tip = dynamics.row_to_tip(number, &gauge.compliance);
+                solver.push(&to_tip, reading.counts - own, gauge.noise_counts2);
+            }
+            found = solver.estimate(&[1.0; 6]).map_err(|why| Failure::new(format!("no wrench: {why:?}")))?;
+            black_box(solver.unknowns_covariance());
+        }
+        Ok((per_row_ns(begun), found.sum()))
+    }
+
     fn simulate(&self) -> (f64, f64) {
         let mut dynamics = Dynamics::new(&self.rig.chain, self.sections());
         let rates: Vec<[Vec<f64>; 3]> = self.rows.iter().map(Row::rates).collect();
@@ -222,25 +247,39 @@ pub(crate) fn tick() -> Check<Vec<Line>> {
     let problem = Problem::new()?;
     let [urdf, data] = problem.write(&folder)?;
     let [program, arm] = pinocchio(&folder, &urdf)?;
-    let works = ["wrench", "weighed"];
-    let mut costs = [Vec::new(), Vec::new(), Vec::new()];
+    let peer = |work: &str| {
+        let mut command = Command::new(&program);
+        command.args([&arm, &data]).args([&ROWS.to_string(), work]).args(problem.joints());
+        peers::run(&mut command)
+    };
+    // What each finds of the instants must be what is asked of it: without noise the wrench, however it is weighed; at rest, where motion is left out, what the
+    // peer finds.
+    let truth = problem.wrench.sum();
+    let mut costs: [Vec<f64>; 5] = Default::default();
     for _ in 0..RUNS {
-        let (cost, sum) = problem.estimate()?;
-        ensure!((sum - problem.wrench.sum()).abs() < 1e-6, "the estimator found {sum}");
-        costs[0].push(cost);
-        for (work, costs) in works.iter().zip(&mut costs[1..]) {
-            let mut command = Command::new(&program);
-            command.args([&arm, &data]).args([&ROWS.to_string(), *work]).args(problem.joints());
-            let (cost, sum) = peers::run(&mut command)?;
-            ensure!((sum - problem.wrench.sum()).abs() < 1e-6, "Pinocchio ({work}) found {sum}");
-            costs.push(cost);
+        let (own, resting) = (problem.estimate()?, problem.estimate_at_rest()?);
+        let peers = [peer("weighed")?, peer("wrench")?, peer("resting")?];
+        let should_be = [truth, resting.1, truth, truth, resting.1];
+        let all = [own, resting, peers[0], peers[1], peers[2]];
+        for (at, ((cost, sum), should_be)) in all.into_iter().zip(should_be).enumerate() {
+            ensure!((sum - should_be).abs() < 1e-6, "solver {at} found {sum}, not {should_be}");
+            costs[at].push(cost);
         }
     }
     let _ = std::fs::remove_dir_all(&folder);
-    let what = "estimator tick, time";
-    let same = Compared { what, peer: "Pinocchio and Eigen, covariance too", unit: "ns", goal: "<= 0.5" };
-    let less = Compared { what, peer: "Pinocchio and Eigen, unweighted wrench alone", unit: "ns", goal: "" };
-    Ok(vec![same.cost(&costs[0], &costs[2]), less.cost(&costs[0], &costs[1])])
+    let [own, resting, weighed, wrench, peer_resting] = &costs;
+    let compared = |what, peer, goal| Compared { what, peer, unit: "ns", goal };
+    Ok(vec![
+        compared("estimator tick, time", "Pinocchio and Eigen, covariance too", "<= 0.5").cost(own, weighed),
+        compared(
+            "at rest, the gauges' own noise alone: kinematics, gravity, weighted QR, covariance",
+            "Pinocchio and Eigen",
+            "<= 0.5",
+        )
+        .cost(resting, peer_resting),
+        compared("estimator tick, time", "Pinocchio and Eigen, unweighted wrench alone", "")
+            .cost(own, wrench),
+    ])
 }
 
 /// The simulator's step, beside inverse dynamics elsewhere.

@@ -2,6 +2,7 @@
 // and the sum of the last wrench (of all torques for `rnea`), for WORK of
 //   rnea      inverse dynamics alone
 //   wrench    inverse dynamics, the gauges' rows, one unweighted QR
+//   resting   gravity load, the gauges' rows, one QR weighed by the gauges' own noise, covariance: what an arm at rest needs at least
 //   weighed   what the estimator does, as far as these libraries have a call for it: derivatives of the dynamics give the motion's share of
 //             the gauges' covariance; whitening, QR, covariance, singular values, twice
 // DATA: 16 numbers a gauge (6 compliance, bias, variance, and 8 unused), then ROWS of q, v, a, readings; as many gauges as joints.
@@ -52,6 +53,19 @@ static void collect(Arm& arm, const double* z) {
     }
 }
 
+static Eigen::Matrix<double, 6, 6> covariance_of(const Eigen::HouseholderQR<Rows>& qr) {
+    const Eigen::Matrix<double, 6, 6> r = qr.matrixQR().topRows<6>().triangularView<Eigen::Upper>();
+    const Eigen::Matrix<double, 6, 6> inverse =
+        r.triangularView<Eigen::Upper>().solve(Eigen::Matrix<double, 6, 6>::Identity());
+    return inverse * inverse.transpose();
+}
+
+static Eigen::Matrix<double, 6, 1> resting(const Arm& arm, const Counts& weights, Eigen::Matrix<double, 6, 6>& covariance) {
+    const Eigen::HouseholderQR<Rows> qr(weights.asDiagonal() * arm.rows);
+    covariance = covariance_of(qr);
+    return qr.solve(weights.asDiagonal() * arm.values);
+}
+
 static Eigen::Matrix<double, 6, 1> weighed(Arm& arm, Eigen::Matrix<double, 6, 6>& covariance, double& worst) {
     Eigen::Matrix<double, N, N> noise = arm.variance.asDiagonal();
     const Eigen::Matrix<double, N, N> parts[3] = {arm.data.dtau_dq, arm.data.dtau_dv, arm.data.M};
@@ -65,10 +79,7 @@ static Eigen::Matrix<double, 6, 1> weighed(Arm& arm, Eigen::Matrix<double, 6, 6>
     const Rows a = root.matrixL().solve(arm.rows);
     const Counts b = root.matrixL().solve(arm.values);
     const Eigen::HouseholderQR<Rows> qr(a);
-    const Eigen::Matrix<double, 6, 6> r = qr.matrixQR().topRows<6>().triangularView<Eigen::Upper>();
-    const Eigen::Matrix<double, 6, 6> inverse =
-        r.triangularView<Eigen::Upper>().solve(Eigen::Matrix<double, 6, 6>::Identity());
-    covariance.noalias() = inverse * inverse.transpose();
+    covariance = covariance_of(qr);
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>> squares(covariance, Eigen::EigenvaluesOnly);
     worst += squares.eigenvalues()(5);
     return qr.solve(b);
@@ -129,6 +140,7 @@ int main(int argc, char** argv) {
     };
     Eigen::VectorXd q(N), v(N), a(N);
     Eigen::Matrix<double, 6, 6> covariance;
+    const Counts weights = arm.variance.cwiseSqrt().cwiseInverse();
     double sum = 0, worst = 0;
     const std::clock_t begun = std::clock();
     for (long row = 0; row < rows; ++row) {
@@ -143,6 +155,11 @@ int main(int argc, char** argv) {
             pinocchio::rnea(arm.model, arm.data, q, v, a);
             collect(arm, at + 3 * N);
             wrench = arm.rows.householderQr().solve(arm.values);
+        } else if (work == "resting") {
+            pinocchio::computeGeneralizedGravity(arm.model, arm.data, q);
+            collect(arm, at + 3 * N);
+            wrench = resting(arm, weights, covariance);
+            worst += covariance(0, 0);
         } else {
             pinocchio::computeRNEADerivatives(arm.model, arm.data, q, v, a);
             for (int joint = 1; joint <= N; ++joint) arm.data.f[joint] = arm.data.oMi[joint].actInv(arm.data.of[joint]);
