@@ -241,6 +241,16 @@ fn mujoco() -> Check<PathBuf> {
     peers::compile("mujoco.c", &arguments)
 }
 
+/// Set for a process that only runs the estimator.
+pub(crate) const ALONE: &str = "WRENCHD_FIELD_TICK";
+
+/// The estimator alone: prints what a peer prints.
+pub(crate) fn alone() -> Check {
+    let (cost, sum) = Problem::new()?.estimate()?;
+    println!("{cost} {sum}");
+    Ok(())
+}
+
 /// The estimator, beside the same by Pinocchio and Eigen.
 pub(crate) fn tick() -> Check<Vec<Line>> {
     let folder = folder("tick")?;
@@ -252,33 +262,33 @@ pub(crate) fn tick() -> Check<Vec<Line>> {
         command.args([&arm, &data]).args([&ROWS.to_string(), work]).args(problem.joints());
         peers::run(&mut command)
     };
+    let native = peers::native()?;
     // What each finds of the instants must be what is asked of it: without noise the wrench, however it is weighed; at rest, where motion is left out, what the
     // peer finds.
     let truth = problem.wrench.sum();
-    let mut costs: [Vec<f64>; 5] = Default::default();
+    let mut costs: [Vec<f64>; 6] = Default::default();
     for _ in 0..RUNS {
         let (own, resting) = (problem.estimate()?, problem.estimate_at_rest()?);
-        let peers = [peer("weighed")?, peer("wrench")?, peer("resting")?];
-        let should_be = [truth, resting.1, truth, truth, resting.1];
-        let all = [own, resting, peers[0], peers[1], peers[2]];
+        let native = peers::run(Command::new(&native).env(ALONE, "1"))?;
+        let all = [own, resting, peer("weighed")?, peer("wrench")?, peer("resting")?, native];
+        let should_be = [truth, resting.1, truth, truth, resting.1, truth];
         for (at, ((cost, sum), should_be)) in all.into_iter().zip(should_be).enumerate() {
             ensure!((sum - should_be).abs() < 1e-6, "solver {at} found {sum}, not {should_be}");
             costs[at].push(cost);
         }
     }
     let _ = std::fs::remove_dir_all(&folder);
-    let [own, resting, weighed, wrench, peer_resting] = &costs;
+    let [own, resting, weighed, wrench, peer_resting, native] = &costs;
+    let (tick, at_rest) = (
+        "estimator tick, time",
+        "at rest, the gauges' own noise alone: kinematics, gravity, weighted QR, covariance",
+    );
     let compared = |what, peer, goal| Compared { what, peer, unit: "ns", goal };
     Ok(vec![
-        compared("estimator tick, time", "Pinocchio and Eigen, covariance too", "<= 0.5").cost(own, weighed),
-        compared(
-            "at rest, the gauges' own noise alone: kinematics, gravity, weighted QR, covariance",
-            "Pinocchio and Eigen",
-            "<= 0.5",
-        )
-        .cost(resting, peer_resting),
-        compared("estimator tick, time", "Pinocchio and Eigen, unweighted wrench alone", "")
-            .cost(own, wrench),
+        compared(tick, "Pinocchio and Eigen, covariance too", "<= 0.5").cost(own, weighed),
+        compared(at_rest, "Pinocchio and Eigen", "<= 0.5").cost(resting, peer_resting),
+        compared(tick, "the same built for this processor", "<= 1.4").cost(own, native),
+        compared(tick, "Pinocchio and Eigen, unweighted wrench alone", "").cost(own, wrench),
     ])
 }
 

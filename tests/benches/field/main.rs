@@ -41,6 +41,7 @@ fn main() -> ExitCode {
     let outcome = match machine::inside() {
         Some(scratch) if std::env::var_os(endurance::INSIDE).is_some() => endurance::inside(&scratch),
         Some(scratch) => wire::inside(&scratch),
+        None if std::env::var_os(dynamics::ALONE).is_some() => dynamics::alone(),
         None => run(&std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect::<Vec<_>>()),
     };
     match outcome {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use wrenchd_tests::programs::workspace;
 use wrenchd_tests::{Check, Failure, packages, process, python, scratch};
 
 const COMPILE_LIMIT: Duration = Duration::from_secs(900);
@@ -51,6 +52,20 @@ pub(crate) fn compile(source: &str, arguments: &[String]) -> Check<PathBuf> {
     command.arg(sources().join(source)).args(arguments);
     process::run(&mut command, COMPILE_LIMIT)?;
     Ok(built)
+}
+
+/// These benchmarks as the compiler builds them for this very processor.
+pub(crate) fn native() -> Check<PathBuf> {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.args(["bench", "--no-run", "--locked", "-p", "wrenchd-tests", "--bench", "field"]);
+    command
+        .args(["--message-format", "json", "--target-dir"])
+        .arg(scratch::target_dir()?.join("field/native"));
+    command.env("RUSTFLAGS", "-Ctarget-cpu=native").current_dir(workspace());
+    let said = process::run(&mut command, COMPILE_LIMIT)?.stdout();
+    let built = said.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
+    let program = built.filter_map(|built| Some(PathBuf::from(built["executable"].as_str()?))).next_back();
+    program.ok_or_else(|| Failure::new(format!("cargo built nothing to run: {said}")))
 }
 
 /// Runs a peer, which prints its cost and a result.
