@@ -50,6 +50,10 @@ fn eliminate_by<const FOURS: usize>(covariance: &mut [f64x4], rows: &mut [Row]) 
         let reciprocal = left.recip();
         for (i, (row, other)) in (k + 1..).zip(after.iter_mut().zip(others)) {
             let share = mine[i / 4].as_array()[i % 4] * reciprocal;
+            // Rows that share no error.
+            if share == 0.0 {
+                continue;
+            }
             other.add(-share, white);
             let share = f64x4::splat(share);
             (0..FOURS).for_each(|at| row[at] -= share * mine[at]);
