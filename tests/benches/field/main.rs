@@ -25,7 +25,7 @@ struct Group {
     run: fn() -> Check<Vec<Line>>,
 }
 
-const GROUPS: [Group; 8] = [
+const GROUPS: [Group; 9] = [
     Group { name: "tick", run: dynamics::tick },
     Group { name: "simulator", run: dynamics::simulator },
     Group { name: "linear", run: offline::linear },
@@ -34,6 +34,7 @@ const GROUPS: [Group; 8] = [
     Group { name: "wire", run: wire::outside },
     Group { name: "endurance", run: endurance::outside },
     Group { name: "commands", run: commands::all },
+    Group { name: "scale", run: commands::scale },
 ];
 
 fn main() -> ExitCode {
