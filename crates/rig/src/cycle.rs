@@ -38,7 +38,7 @@ pub const UNCERTAIN_ABOVE_N: f64 = 1.0;
 /// A wrench whose worst direction is less certain than this is no answer at all, N (moments over 0.1 m).
 pub const INVALID_ABOVE_N: f64 = 10.0;
 
-/// A gauge or encoder with noise of its own that says exactly the same so many times in a row has stopped measuring.
+/// A gauge or encoder with much noise of its own that says exactly the same so many times in a row has stopped measuring (a calmer one later).
 pub const STUCK_AFTER: u32 = 5;
 
 /// Parity beyond this many standard deviations of a good arm's is flagged (squared, and as much more as there are spare gauges).

@@ -16,7 +16,7 @@ use super::one_frame::OneFrame;
 use super::window::Window;
 use super::{INVALID_ABOVE_N, PARITY_LIMIT_SIGMA};
 use crate::Rig;
-use crate::model_file::ModelFile;
+use crate::model_file::{ModelFile, Sensor};
 use crate::status::Status;
 
 /// What one gauge could cause is this far from what another could: they can be told apart.
@@ -27,9 +27,6 @@ pub(super) const EXPLAINED_SIGMA: f64 = 4.0;
 
 /// Noise adds so much to what an undetected fault can be: one instant in a million is beyond.
 const MISSED_SIGMA: f64 = 5.0;
-
-/// The least share of a gauge's variance that is taken to last longer than 50 ms, whatever its calibration found.
-const LEAST_SLOW_SHARE: f64 = 0.1;
 
 /// A contradiction so much larger (squared) than the least of the last instants is a sudden one: no zeros drift so, and nothing says how many gauges
 /// it is.
@@ -150,17 +147,13 @@ pub(super) struct Isolation {
 impl Isolation {
     pub(super) fn new(rig: &Rig, model: &ModelFile) -> Self {
         let n = model.sensors.len();
-        let white = |sensor: &crate::model_file::Sensor| {
-            let slow = sensor.noise_slow_share.clamp(LEAST_SLOW_SHARE, 1.0);
-            sensor.noise_floor_counts.powi(2) * (1.0 - slow)
-        };
         Self {
             one_frame: OneFrame::new(rig),
             doubt: None,
             redundancy: Redundancy::new(n),
             means: Redundancy::new(n),
             window: Window::new(n),
-            white_counts2: model.sensors.iter().map(white).collect(),
+            white_counts2: model.sensors.iter().map(Sensor::white_counts2).collect(),
             out: vec![Out { needed: PROOF_BLOCKS.0, ..Out::default() }; n],
             lasting: vec![false; n],
             now: vec![false; n],

@@ -40,7 +40,7 @@ impl Joint {
         let resolution_rad = (binding.position.spec.scale * binding.position.to_si).abs();
         let now = Follower {
             filter: MotionFilter::new(encoder.position_sigma_rad),
-            watch: StuckWatch::new(encoder.position_sigma_rad, resolution_rad),
+            watch: StuckWatch::of_encoder(encoder.position_sigma_rad, resolution_rad),
             velocity_sigma_rad_s: encoder.velocity_sigma_rad_s.unwrap_or(f64::NAN),
         };
         Self { next: now.clone(), now, ahead: None }

@@ -11,7 +11,7 @@ use super::several::Several;
 use super::stuck::StuckWatch;
 use super::{Estimate, INVALID_ABOVE_N, Refusal, UNCERTAIN_ABOVE_N};
 use crate::Rig;
-use crate::model_file::ModelFile;
+use crate::model_file::{ModelFile, Sensor};
 use crate::status::Status;
 use crate::tare::{Tare, TareRefusal, Tared};
 
@@ -61,23 +61,34 @@ impl GaugeState {
 impl Stage {
     /// For a robot as its URDF has it, and its gauges; without a calibration they are not held against each other.
     pub fn new(rig: &Rig, gauges: Vec<GaugeModel>) -> Self {
-        Self::with(WrenchEstimator::new(&rig.chain, &rig.sections, gauges), None)
+        let white_counts2: Vec<f64> = gauges.iter().map(|gauge| gauge.noise_counts2).collect();
+        Self::with(rig, WrenchEstimator::new(&rig.chain, &rig.sections, gauges), &white_counts2, None)
     }
 
     /// For a robot as it was calibrated.
     pub fn of_model(rig: &Rig, model: &ModelFile) -> Self {
         let (chain, arm) = model.arm(&rig.chain);
         let estimator = WrenchEstimator::with_arm(&chain, &rig.sections, model.gauges(), arm);
-        Self::with(estimator, Some(Isolation::new(rig, model)))
+        let white_counts2: Vec<f64> = model.sensors.iter().map(Sensor::white_counts2).collect();
+        Self::with(rig, estimator, &white_counts2, Some(Isolation::new(rig, model)))
     }
 
-    fn with(estimator: WrenchEstimator, isolation: Option<Isolation>) -> Self {
+    /// With the variance of each gauge's reading that is new at each instant, counts^2.
+    fn with(
+        rig: &Rig,
+        estimator: WrenchEstimator,
+        white_counts2: &[f64],
+        isolation: Option<Isolation>,
+    ) -> Self {
         let is_thermal = |gauge: &GaugeModel| {
             gauge.terms.terms.iter().any(|term| matches!(term.effect, Effect::Temperature { .. }))
         };
         let gauges = estimator.gauges();
+        let watches = rig.layout.gauges.iter().zip(white_counts2).map(|(gauge, white_counts2)| {
+            StuckWatch::of_gauge(white_counts2.sqrt(), gauge.counts.spec.scale.abs())
+        });
         Self {
-            watches: gauges.iter().map(|gauge| StuckWatch::new(gauge.noise_counts2.sqrt(), 1.0)).collect(),
+            watches: watches.collect(),
             conditioners: gauges.iter().map(|gauge| Conditioner::new(&gauge.terms)).collect(),
             thermal: gauges.iter().map(is_thermal).collect(),
             heard: Vec::with_capacity(gauges.len()),

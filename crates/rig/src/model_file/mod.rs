@@ -273,7 +273,16 @@ impl Frame {
     }
 }
 
+/// The least share of a gauge's variance that is taken to last longer than 50 ms, whatever its calibration found.
+const LEAST_SLOW_SHARE: f64 = 0.1;
+
 impl Sensor {
+    /// Variance of the reading that is new at each instant, counts^2.
+    pub fn white_counts2(&self) -> f64 {
+        let slow = self.noise_slow_share.clamp(LEAST_SLOW_SHARE, 1.0);
+        self.noise_floor_counts.powi(2) * (1.0 - slow)
+    }
+
     /// The compliance that the estimator uses, counts/N and counts/Nm in S.
     pub fn working(&self) -> Vector6<f64> {
         match &self.working_compliance {
