@@ -14,8 +14,6 @@ use std::time::{Duration, Instant};
 
 pub use send::{SendCounts, SocketSender};
 
-use socketcan::CanAddr;
-
 use crate::error::{Error, Result};
 use crate::frame::{CanId, Stamped};
 use crate::source::{Batch, Event, Poll, Source};
@@ -125,7 +123,10 @@ impl SocketSource {
                 continue;
             }
             port.retry_at = now + RETRY;
-            if let Ok((socket, _)) = open_receiver(&port.name, &port.options) {
+            // Looked for first: what says that there is none has its name.
+            if sys::interface(&port.name).is_some()
+                && let Ok((socket, _)) = open_receiver(&port.name, &port.options)
+            {
                 port.socket = Some(socket);
                 port.drops = 0;
                 port.down = false;
@@ -259,7 +260,7 @@ impl Source for SocketSource {
 
 /// A socket with all its options, bound; and the receive buffer that it got
 fn open_receiver(name: &str, options: &SocketOptions) -> Result<(OwnedFd, usize)> {
-    let address = CanAddr::from_iface(name).map_err(|_| Error::NoInterface { interface: name.into() })?;
+    let address = sys::interface(name).ok_or_else(|| Error::NoInterface { interface: name.into() })?;
     let fault = |what, hint| move |source| Error::Socket { interface: name.into(), what, source, hint };
     let socket = sys::raw_socket().map_err(fault("opening a CAN socket", Some(NO_CAN)))?;
     match &options.filters {

@@ -4,7 +4,6 @@ use std::os::fd::OwnedFd;
 use std::time::Instant;
 
 use super::{NO_CAN, RETRY, bind_error, sys};
-use socketcan::CanAddr;
 
 use crate::error::{Error, Result};
 use crate::frame::Frame;
@@ -65,7 +64,8 @@ impl SocketSender {
     fn send_chunk(&mut self, frames: &[Frame]) -> usize {
         if self.socket.is_none() && Instant::now() >= self.retry_at {
             self.retry_at = Instant::now() + RETRY;
-            self.socket = open(&self.name).ok();
+            // Looked for first: what says that there is none has its name.
+            self.socket = sys::interface(&self.name).and_then(|_| open(&self.name).ok());
         }
         let Some(socket) = &self.socket else {
             self.counts.down += frames.len() as u64;
@@ -91,7 +91,7 @@ impl SocketSender {
 }
 
 fn open(name: &str) -> Result<OwnedFd> {
-    let address = CanAddr::from_iface(name).map_err(|_| Error::NoInterface { interface: name.into() })?;
+    let address = sys::interface(name).ok_or_else(|| Error::NoInterface { interface: name.into() })?;
     let fault = |what, hint| move |source| Error::Socket { interface: name.into(), what, source, hint };
     let socket = sys::raw_socket().map_err(fault("opening a CAN socket", Some(NO_CAN)))?;
     // It only sends: no frame is to be queued for it.

@@ -23,6 +23,18 @@ fn check(result: libc::c_int) -> io::Result<usize> {
     usize::try_from(result).map_err(|_| io::Error::last_os_error())
 }
 
+/// An interface by its name; none where there is none. Allocates nothing: the cycle asks for one that was deleted again and again.
+pub(super) fn interface(name: &str) -> Option<CanAddr> {
+    let mut text: [libc::c_char; libc::IFNAMSIZ] = [0; libc::IFNAMSIZ];
+    if name.len() >= text.len() {
+        return None;
+    }
+    text.iter_mut().zip(name.bytes()).for_each(|(to, byte)| *to = libc::c_char::from_ne_bytes([byte]));
+    // SAFETY: `text` ends with a zero, for the name is shorter, and outlives the call, which only reads it.
+    let index = unsafe { libc::if_nametoindex(text.as_ptr()) };
+    (index != 0).then(|| CanAddr::new(index))
+}
+
 /// A raw CAN socket, not yet bound: options that say what arrives must be set before binding, which the socket types of
 /// `socketcan` do not allow for. Each call on it says by itself whether it may wait.
 pub(super) fn raw_socket() -> io::Result<OwnedFd> {
@@ -221,4 +233,17 @@ fn send_some<const N: usize>(socket: &OwnedFd, frames: &[Frame]) -> io::Result<u
     check(unsafe {
         libc::sendmmsg(socket.as_raw_fd(), headers.as_mut_ptr().cast(), count, libc::MSG_DONTWAIT)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn interfaces_are_found_by_their_names() {
+        assert!(interface("lo").is_some());
+        for none in ["", "nocan7", "a_name_that_is_too_long_for_one"] {
+            assert!(interface(none).is_none(), "{none}");
+        }
+    }
 }
