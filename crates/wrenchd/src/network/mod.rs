@@ -85,8 +85,9 @@ impl Pulse {
         }
     }
 
-    fn stands_still(&self) -> bool {
-        self.published_at.elapsed() > STANDSTILL
+    /// How long the cycle has stood still, if it does.
+    fn standstill(&self) -> Option<Duration> {
+        Some(self.published_at.elapsed()).filter(|passed| *passed > STANDSTILL)
     }
 }
 
@@ -104,19 +105,23 @@ pub struct Shared {
 }
 
 impl Shared {
+    /// The newest record as clients may take it, the one place where they do: of a cycle that stands still the last wrench is none.
+    pub(crate) fn newest(&self) -> Option<Published> {
+        let record = self.feed.newest()?;
+        let standing = self.pulse.borrow().standstill();
+        Some(standing.map_or(record, |passed| record.left_behind(passed.as_nanos() as i64)))
+    }
+
     /// The newest record as clients see it.
     pub(crate) fn live(&self) -> Option<Live> {
         let robot = self.robot.borrow().clone();
         let now = SystemClock.now().monotonic_ns;
-        self.feed.newest().map(|record| Live::new(&record, &robot.board, &robot.gauges, now))
+        self.newest().map(|record| Live::new(&record, &robot.board, &robot.gauges, now))
     }
 
-    /// The newest record if it has a wrench and the cycle goes on; else why not.
+    /// The newest record if it has a wrench; else why not.
     pub(crate) fn healthy(&self) -> Result<Published, String> {
-        if self.pulse.borrow().stands_still() {
-            return Err("the real-time cycle stands still".to_owned());
-        }
-        let record = self.feed.newest().ok_or("nothing has been published yet")?;
+        let record = self.newest().ok_or("nothing has been published yet")?;
         record.outcome.map_or_else(|why| Err(why.to_string()), |_| Ok(record))
     }
 

@@ -19,7 +19,7 @@ const RELOADS: usize = 4;
 
 /// Everything that serves clients, and what it shares.
 pub(super) struct Clients {
-    shared: Shared,
+    pub(super) shared: Shared,
     ports: Ports,
     robot: watch::Sender<Arc<Robot>>,
     pulse: watch::Sender<Pulse>,
