@@ -72,21 +72,23 @@ impl<'a> Grants<'a> {
         Self { stream, holder: None }
     }
 
-    /// Starts or ends the stream as asked; the host that holds it if that is another one.
+    /// Starts or ends the stream as asked, or lets a bias pass; the host that holds the stream if that is another one. After its lease
+    /// another may take the stream over, but neither stop it nor shift the zeros beneath it.
     pub fn take(&mut self, request: Request, from: SocketAddr, now: Instant) -> Result<(), IpAddr> {
+        if let Some((holder, until)) = self.holder
+            && request != Request::ResetLatch
+            && holder != from.ip()
+            && self.stream.is_live()
+            && (now < until || matches!(request, Request::Stop | Request::Bias))
+        {
+            return Err(holder);
+        }
         let wanted = match request {
             Request::Stop => 0,
             Request::Stream(None) => ENDLESS,
             Request::Stream(Some(count)) => count.into(),
             Request::ResetLatch | Request::Bias => return Ok(()),
         };
-        if let Some((holder, until)) = self.holder
-            && holder != from.ip()
-            && self.stream.is_live()
-            && (now < until || request == Request::Stop)
-        {
-            return Err(holder);
-        }
         self.holder = Some((from.ip(), now + LEASE));
         let (bits, scope) = match from {
             SocketAddr::V4(from) => (from.ip().to_ipv6_mapped().to_bits(), 0),
@@ -148,6 +150,24 @@ mod tests {
         assert_eq!(sent(&stream, 9), [("10.0.0.2:5".into(), 1)]);
         grants.take(Request::Stream(None), robot, begun + 2 * LEASE).unwrap();
         assert_eq!(sent(&stream, 1)[0].0, "10.0.0.1:5", "an ended stream belongs to nobody");
+    }
+
+    #[test]
+    fn only_the_holder_of_a_live_stream_shifts_its_zeros() {
+        let stream = Stream::default();
+        let mut grants = Grants::new(&stream);
+        let (robot, other): (SocketAddr, SocketAddr) =
+            ("10.0.0.1:5".parse().unwrap(), "10.0.0.2:5".parse().unwrap());
+        let begun = Instant::now();
+        grants.take(Request::Bias, other, begun).unwrap();
+        grants.take(Request::Stream(None), robot, begun).unwrap();
+        for later in [Duration::ZERO, LEASE / 2, 2 * LEASE] {
+            assert_eq!(grants.take(Request::Bias, other, begun + later), Err(robot.ip()), "{later:?}");
+            grants.take(Request::ResetLatch, other, begun + later).unwrap();
+            grants.take(Request::Bias, robot, begun + later).unwrap();
+        }
+        grants.take(Request::Stop, robot, begun).unwrap();
+        grants.take(Request::Bias, other, begun).unwrap();
     }
 
     #[test]

@@ -128,6 +128,24 @@ fn a_bias_tares_while_the_stream_goes_on() {
     assert!(first > 3.0 && last < 0.2, "{first} N, then {last} N");
 }
 
+#[test]
+fn who_does_not_hold_the_stream_does_not_tare_it() {
+    let Served { rdt, daemon: _daemon, .. } = serving("allow = [\"127.0.0.1\", \"127.0.0.2\"]\n");
+    let (holder, other) = (Client::new(rdt), Client::at("127.0.0.2:0", rdt));
+    holder.ask(2, 0);
+    holder.hear().unwrap();
+    other.ask(0x42, 0);
+    let records = holder.all(RATE_HZ as usize * 2);
+    assert!(records.len() == RATE_HZ as usize * 2 && records.iter().all(|record| force_n(record) > 3.0));
+    holder.ask(0, 0);
+    holder.all(1000);
+    other.ask(0x42, 0);
+    wait_for("a tare", || {
+        other.ask(2, 1);
+        other.hear().is_some_and(|record| force_n(&record) < 0.2)
+    });
+}
+
 /// Whoever sends biases can send many: those asked during a tare are not kept for later.
 #[test]
 fn a_flood_of_biases_leaves_nothing_behind() {
