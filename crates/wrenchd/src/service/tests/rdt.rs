@@ -204,11 +204,12 @@ fn only_allowed_hosts_are_answered_and_the_holder_keeps_its_stream() {
 
 #[test]
 fn a_reload_does_not_end_the_stream() {
-    let Served { daemon, rdt, .. } = serving("");
-    let client = Client::new(rdt);
+    let Served { daemon, rdt, .. } = serving("allow = [\"127.0.0.1\", \"127.0.0.2\"]\n");
+    let (client, other) = (Client::new(rdt), Client::at("127.0.0.2:0", rdt));
     client.ask(2, 0);
     client.hear().unwrap();
     super::control_line(&daemon, r#"{"command":"reload"}"#);
+    other.ask(2, 0);
     let records = client.all(300);
     assert!(records.len() == 300 && records.windows(2).all(|pair| pair[1].number == pair[0].number + 1));
     assert!(records.windows(2).all(|pair| pair[1].sample == pair[0].sample + 1));
