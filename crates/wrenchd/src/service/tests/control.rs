@@ -126,9 +126,13 @@ fn bad_lines_get_one_clear_answer_and_hurt_nobody() {
     let mut good = Client::new(&daemon);
     good.wait_for_wrench();
     let mut bad = Client::new(&daemon);
-    for (line, part) in
-        [("", "not a request"), ("{\"command\":\"fly\"}", "fly"), ("\u{1}\u{2}", "status, stream, tare")]
-    {
+    for (line, part) in [
+        ("", "not a request"),
+        ("{\"command\":\"fly\"}", "fly"),
+        ("\u{1}\u{2}", "status, stream, tare"),
+        // A period that no clock can hold.
+        ("{\"command\":\"stream\",\"rate_hz\":1e-300}", "rate_hz"),
+    ] {
         let reply = bad.ask(line);
         assert!(!reply.ok && reply.error.as_ref().unwrap().contains(part), "{line:?}: {reply:?}");
     }
