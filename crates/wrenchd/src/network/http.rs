@@ -88,17 +88,18 @@ impl Drop for Place {
     }
 }
 
-/// Serves GET and HEAD on a listener, to the addresses that `allow` accepts.
+/// Serves GET and HEAD on a listener, to the addresses that `allow` accepts; an answer may depend on the address that was asked.
 pub(crate) fn serve(
     listener: TcpListener,
     allow: impl Fn(IpAddr) -> bool + Send + 'static,
-    answerer: Answerer,
+    answerer: impl Fn(&str, IpAddr) -> Answer + Send + Sync + 'static,
 ) -> Server {
     Box::pin(async move {
         let listener = match tokio::net::TcpListener::from_std(listener) {
             Ok(listener) => listener,
             Err(error) => return tracing::error!("HTTP is not served: {error}"),
         };
+        let answerer = Arc::new(answerer);
         let places = Arc::<Places>::default();
         loop {
             let (stream, peer) = match listener.accept().await {
@@ -114,7 +115,9 @@ pub(crate) fn serve(
                 continue;
             }
             let Some(place) = Places::take(&places, peer.ip()) else { continue };
+            let Ok(asked) = stream.local_addr() else { continue };
             let answerer = answerer.clone();
+            let answerer: Answerer = Arc::new(move |path| answerer(path, asked.ip().to_canonical()));
             tokio::spawn(async move {
                 attend(stream, answerer).await;
                 drop(place);

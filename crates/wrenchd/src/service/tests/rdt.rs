@@ -203,6 +203,22 @@ fn only_allowed_hosts_are_answered_and_the_holder_keeps_its_stream() {
 }
 
 #[test]
+fn the_description_has_the_newest_counts_and_the_address_that_was_asked() {
+    let (rdt, http) = (free_udp().port(), free_tcp().port());
+    let _daemon =
+        Daemon::start(&format!("[publish.rdt]\nbind = \"0.0.0.0:{rdt}\"\nhttp = \"0.0.0.0:{http}\"\n"));
+    let description = || super::http_get(SocketAddr::from(([127, 0, 0, 7], http)), "/netftapi2.xml");
+    wait_for("a wrench", || description().contains("<runstat>0x00000000</runstat>"));
+    let text = description();
+    assert!(text.contains("<netip>127.0.0.7</netip>"), "{text}");
+    let (_, counts) = text.split_once("<runft>").unwrap();
+    let counts: Vec<f64> =
+        counts.split_once('<').unwrap().0.split(';').map(|count| count.parse().unwrap()).collect();
+    let force_n = counts[..3].iter().map(|count| (count * 1e-6).powi(2)).sum::<f64>().sqrt();
+    assert!(counts.len() == 6 && (force_n / (0.4 * 9.80665) - 1.0).abs() < 0.1, "{text}");
+}
+
+#[test]
 fn a_reload_does_not_end_the_stream() {
     let Served { daemon, rdt, .. } = serving("allow = [\"127.0.0.1\", \"127.0.0.2\"]\n");
     let (client, other) = (Client::new(rdt), Client::at("127.0.0.2:0", rdt));
