@@ -4,7 +4,11 @@
 //! or hostile a client is, the cycle does not notice.
 
 pub mod http;
+#[allow(unsafe_code)]
+mod inherited;
 pub(crate) mod ports;
+
+pub(crate) use inherited::descriptors;
 
 use std::future::Future;
 use std::pin::Pin;

@@ -3,9 +3,12 @@
 use std::fs::{File, OpenOptions, Permissions, TryLockError};
 use std::io;
 use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::os::fd::OwnedFd;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
+
+use super::inherited::Inherited;
 
 /// Owner and group may give orders, nobody else may even look.
 const SOCKET_MODE: u32 = 0o660;
@@ -31,6 +34,8 @@ impl PortError {
 #[derive(Debug, Default)]
 pub(crate) struct Ports {
     kept: Vec<Kept>,
+    /// What the service manager has opened for the daemon. It stays open whatever is asked for: the manager's own copy does, too.
+    inherited: Vec<Inherited>,
     /// Number of the opening that runs, or ran last.
     opening: u64,
 }
@@ -63,6 +68,11 @@ impl Socket {
 }
 
 impl Ports {
+    /// With what the service manager has opened: whoever asks for the address of one of them gets that.
+    pub(crate) fn new(inherited: Vec<OwnedFd>) -> Self {
+        Self { inherited: inherited.into_iter().filter_map(Inherited::new).collect(), ..Self::default() }
+    }
+
     /// Begins an opening; [`Ports::keep_used`] or [`Ports::keep_old`] ends it.
     pub(crate) fn begin(&mut self) {
         self.opening += 1;
@@ -71,6 +81,14 @@ impl Ports {
     /// Closes what the last opening did not ask for.
     pub(crate) fn keep_used(&mut self) {
         self.kept.retain(|kept| kept.used_in == self.opening);
+        for address in self.inherited.iter().map(Inherited::address) {
+            if !self.kept.iter().any(|kept| kept.socket.address() == Some(address)) {
+                tracing::warn!(
+                    "the service manager has opened {address} for the daemon, but no table of the configuration has exactly that \
+                     address: nobody answers there"
+                );
+            }
+        }
     }
 
     /// Closes what the last opening has opened.
@@ -80,8 +98,9 @@ impl Ports {
 
     /// A listener on a TCP address.
     pub(crate) fn tcp(&mut self, table: &'static str, address: SocketAddr) -> Result<TcpListener, PortError> {
+        let inherited = self.inherited.iter().find_map(|socket| socket.tcp(address));
         let open = || {
-            let listener = TcpListener::bind(address)?;
+            let listener = inherited.unwrap_or_else(|| TcpListener::bind(address))?;
             listener.set_nonblocking(true)?;
             Ok(Socket::Tcp(listener))
         };
@@ -94,8 +113,9 @@ impl Ports {
 
     /// A UDP socket on an address.
     pub(crate) fn udp(&mut self, table: &'static str, address: SocketAddr) -> Result<UdpSocket, PortError> {
+        let inherited = self.inherited.iter().find_map(|socket| socket.udp(address));
         let open = || {
-            let socket = UdpSocket::bind(address)?;
+            let socket = inherited.unwrap_or_else(|| UdpSocket::bind(address))?;
             socket.set_nonblocking(true)?;
             Ok(Socket::Udp(socket))
         };
@@ -120,7 +140,12 @@ impl Ports {
         let holds = |kept: &&Kept| {
             same_kind(&kept.socket) && kept.socket.address().is_some_and(|own| meet(own, address))
         };
-        let Kept { table, address, used_in, .. } = self.kept.iter().find(holds)?;
+        let Some(Kept { table, address, used_in, .. }) = self.kept.iter().find(holds) else {
+            let manager = self.inherited.iter().map(Inherited::address).find(|own| meet(*own, address))?;
+            return Some(format!(
+                "the service manager has opened {manager} for this daemon: set exactly that address"
+            ));
+        };
         Some(match *used_in == self.opening {
             true => format!("{table} {address} of the same configuration has it: set another address"),
             false => format!(
@@ -182,8 +207,8 @@ fn reason(error: &io::Error, own_holder: Option<&str>) -> String {
         (io::ErrorKind::AddrInUse, None) => "another program has it: stop that, or set another address",
         (io::ErrorKind::AddrNotAvailable, _) => "no interface of this computer has that address",
         (io::ErrorKind::PermissionDenied, _) => {
-            "this user may not: set another address, or run it as a service that may (ports below 1024 need \
-             CAP_NET_BIND_SERVICE)"
+            "this user may not: set another address, or have the service manager open it (a port below 1024: \
+             systemd/wrenchd-netft.socket is an example)"
         }
         _ => return error.to_string(),
     };
@@ -307,6 +332,33 @@ mod tests {
         ports.begin();
         ports.keep_used();
         assert!(TcpListener::bind(a).is_ok());
+    }
+
+    #[test]
+    fn what_the_service_manager_has_opened_is_taken_and_stays() {
+        let (tcp, udp) = (TcpListener::bind("127.0.0.1:0").unwrap(), UdpSocket::bind("127.0.0.1:0").unwrap());
+        let (a, b) = (tcp.local_addr().unwrap(), udp.local_addr().unwrap());
+        let mut ports = Ports::new(vec![tcp.into(), udp.into()]);
+        ports.begin();
+        let listener = ports.tcp("[a]", a).unwrap();
+        let socket = ports.udp("[b]", b).unwrap();
+        ports.keep_used();
+        let client = std::net::TcpStream::connect(a).unwrap();
+        listener.set_nonblocking(false).unwrap();
+        assert_eq!(listener.accept().unwrap().1, client.local_addr().unwrap());
+        UdpSocket::bind("127.0.0.1:0").unwrap().send_to(b"x", b).unwrap();
+        socket.set_nonblocking(false).unwrap();
+        assert_eq!(socket.recv(&mut [0; 9]).unwrap(), 1);
+        // A reload that does not ask for it, and one that does again.
+        drop((listener, socket));
+        ports.begin();
+        ports.keep_used();
+        assert!(TcpListener::bind(a).is_err());
+        let everywhere =
+            ports.tcp("[a]", SocketAddr::from(([0, 0, 0, 0], a.port()))).unwrap_err().to_string();
+        assert!(everywhere.contains(&format!("the service manager has opened {a}")), "{everywhere}");
+        ports.begin();
+        assert_eq!(ports.tcp("[a]", a).unwrap().local_addr().unwrap(), a);
     }
 
     #[test]
