@@ -38,7 +38,7 @@ const LOAD: (f64, [f64; 3]) = (0.4, [0.01, 0.0, 0.05]);
 const RATE_HZ: f64 = 250.0;
 
 /// The example's files in a folder, in event mode, the control socket beside them and nothing sent on CAN; `more` is added.
-fn files(folder: &Path, more: &str) -> Options {
+pub(super) fn files(folder: &Path, more: &str) -> Options {
     for name in ["arm.urdf", "arm.dbc"] {
         fs::copy(examples().join(name), folder.join(name)).unwrap();
     }
