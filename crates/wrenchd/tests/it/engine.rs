@@ -91,7 +91,11 @@ fn event_mode_tells_silence_at_once_then_now_and_then_until_frames_return() {
         engine.tick(now, &mut Told::new(now, |record| records.push((ms, *record))));
     }
     let when: Vec<i64> = records.iter().map(|(ms, _)| *ms).collect();
-    assert_eq!(when, [20, 70, 120, 170, 220, 270], "stale_after_s is 0.02, then every {SILENCE_PERIOD_NS} ns");
+    assert_eq!(
+        when,
+        [20, 70, 120, 170, 220, 270],
+        "stale_after_s is 0.02, then every {SILENCE_PERIOD_NS} ns"
+    );
     assert!(records.iter().all(|(_, r)| r.outcome == Err(Why::NothingYet) && r.instant_ns == 0));
     // Then frames, then silence.
     records.clear();
