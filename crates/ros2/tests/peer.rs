@@ -72,6 +72,8 @@ fn status() -> Reply {
         reason: None,
         wrench: Some([0.0; 6]),
         sigma: Some([0.01; 6]),
+        covariance: None,
+        singular_values_per_n: None,
         protection: Some([None; 6]),
         parity: None,
         gauges: vec![gauge],

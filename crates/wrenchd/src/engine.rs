@@ -38,8 +38,9 @@ use crate::command::{Command, Done, Order, Report};
 use crate::published::{Dispatch, Published, Why};
 use crate::rehearsal::Rehearsal;
 
-/// In event mode a silent bus is told once as soon as it counts as silent, and then this often, ns.
-pub const SILENCE_PERIOD_NS: i64 = 100_000_000;
+/// In event mode a silent bus is told once as soon as it counts as silent, and then this often, ns: well within the 100 ms
+/// after which clients of RDT take the box for gone.
+pub const SILENCE_PERIOD_NS: i64 = 50_000_000;
 
 /// A tare that has not ended so long after it was ordered is given up: no snapshots come, ns.
 const TARE_LIMIT_NS: i64 = 2_000_000_000;

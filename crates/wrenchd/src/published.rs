@@ -15,6 +15,8 @@ pub enum Why {
     Stale,
     /// The daemon is stopping; nothing follows.
     Stopping,
+    /// The cycle has published nothing for long: what clients are told in its place.
+    StandsStill,
     /// The newest snapshot gives no wrench.
     Refused(Refusal),
 }
@@ -25,6 +27,7 @@ impl std::fmt::Display for Why {
             Self::NothingYet => f.write_str("no complete snapshot yet"),
             Self::Stale => f.write_str("no snapshot within stale_after_s"),
             Self::Stopping => f.write_str("the daemon is stopping"),
+            Self::StandsStill => f.write_str("the real-time cycle stands still"),
             Self::Refused(refusal) => refusal.fmt(f),
         }
     }
@@ -72,6 +75,18 @@ impl Published {
     /// What of it leaves at once.
     pub fn dispatch(&self) -> Dispatch {
         Dispatch { sequence: self.sequence, status: self.status, outcome: self.outcome }
+    }
+
+    /// What is left of the record when the cycle has stood still for so long since, ns: no wrench, and its age now.
+    #[must_use]
+    pub fn left_behind(self, standing_ns: i64) -> Self {
+        let tared = if self.status.has(Status::TARED) { Status::TARED } else { Status::GOOD };
+        Self {
+            age_ns: self.age_ns.saturating_add(standing_ns),
+            status: Status::INVALID.with(Status::STALE).with(tared),
+            outcome: Err(Why::StandsStill),
+            ..self
+        }
     }
 
     /// Whether there is a wrench.
@@ -156,6 +171,7 @@ fn code(outcome: &Result<Solution, Why>) -> u64 {
         Err(Why::Refused(Refusal::Contradiction)) => 10,
         Err(Why::Refused(Refusal::SeveralAstray)) => 11,
         Err(Why::Refused(Refusal::Unproven)) => 12,
+        Err(Why::StandsStill) => 13,
         Err(Why::Refused(Refusal::JointUnknown(coordinate))) => 256 + *coordinate as u64,
     }
 }
@@ -175,6 +191,7 @@ fn why(code: u64) -> Option<Why> {
         10 => Why::Refused(Refusal::Contradiction),
         11 => Why::Refused(Refusal::SeveralAstray),
         12 => Why::Refused(Refusal::Unproven),
+        13 => Why::StandsStill,
         joint => Why::Refused(Refusal::JointUnknown(joint.saturating_sub(256) as usize)),
     })
 }
@@ -200,6 +217,7 @@ mod tests {
             Err(Why::NothingYet),
             Err(Why::Stale),
             Err(Why::Stopping),
+            Err(Why::StandsStill),
             Err(Why::Refused(Refusal::NothingYet)),
             Err(Why::Refused(Refusal::JointUnknown(5))),
             Err(Why::Refused(Refusal::TooUncertain)),

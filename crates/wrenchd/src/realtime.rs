@@ -1,4 +1,4 @@
-//! Real-time rights, the system's clocks and the deadline sleep: the only unsafe code of the crate.
+//! Real-time rights, the system's clocks and the deadline sleep: the unsafe code of the crate, but for the sockets that a service manager hands over.
 //!
 //! Each right is asked for by itself; where it is refused the daemon runs on without it and says what to do.
 

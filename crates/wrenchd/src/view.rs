@@ -29,6 +29,13 @@ pub struct Live {
     pub wrench: Option<[f64; 6]>,
     /// Its standard deviations.
     pub sigma: Option<[f64; 6]>,
+    /// Their whole covariance, rows and columns as in `wrench`: N^2, N Nm, Nm^2.
+    #[serde(default)]
+    pub covariance: Option<[[f64; 6]; 6]>,
+    /// Singular values of the weighted problem with moments over 0.1 m, 1/N, largest first: a direction of value s has the standard
+    /// deviation 1/s N.
+    #[serde(default)]
+    pub singular_values_per_n: Option<[f64; 6]>,
     /// Protection level: the largest error that one faulty gauge can hide from the spare ones, for each component as in `wrench`; `null` where
     /// it can hide anything.
     pub protection: Option<[Option<f64>; 6]>,
@@ -122,6 +129,8 @@ impl Live {
             reason: record.outcome.err().map(|why| why.to_string()),
             wrench: solution.map(|s| s.wrench.to_vector().into()),
             sigma: solution.map(|s| std::array::from_fn(|k| s.covariance[(k, k)].max(0.0).sqrt())),
+            covariance: solution.map(|s| s.covariance.into()),
+            singular_values_per_n: solution.map(|s| s.singular_values_per_n),
             protection: solution.map(|s| s.protection.map(|level| level.is_finite().then_some(level))),
             parity: solution.map(|s| Parity {
                 chi2: s.parity_chi2,

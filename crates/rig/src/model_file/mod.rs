@@ -335,7 +335,17 @@ impl Sensor {
 impl ModelFile {
     /// Reads a model and checks that it is the model of this robot.
     pub fn load(file: &Path, rig: &Rig) -> Result<Self, RigError> {
-        let model = Self::parse(file, &read_text(file, "a model that `wrenchctl calibrate` wrote")?)?;
+        Self::of_robot(file, &Self::text(file)?, rig)
+    }
+
+    /// A model file's text as it stands there.
+    pub fn text(file: &Path) -> Result<String, RigError> {
+        read_text(file, "a model that `wrenchctl calibrate` wrote")
+    }
+
+    /// Reads a model's text and checks that it is the model of this robot; `file` is named in errors.
+    pub fn of_robot(file: &Path, text: &str, rig: &Rig) -> Result<Self, RigError> {
+        let model = Self::parse(file, text)?;
         rig.check_model(file, &model.fingerprint)?;
         let joints = model.joints.iter().map(|j| j.name.as_str());
         if !joints.eq(rig.chain.coordinate_names()) {

@@ -27,6 +27,9 @@ pub const STREAM_HZ: f64 = 20.0;
 /// Largest rate of a stream, Hz: it is for people to look at; programs read CAN, RDT or ROS 2.
 pub const MOST_STREAM_HZ: f64 = 200.0;
 
+/// Smallest rate of a stream, Hz: who asks for less asks again when it is time.
+pub const LEAST_STREAM_HZ: f64 = 0.001;
+
 /// Largest payload that is believed, kg.
 pub const MOST_PAYLOAD_KG: f64 = 1000.0;
 
@@ -130,9 +133,9 @@ impl Request {
     /// The request, if its numbers make sense.
     pub fn check(self) -> Result<Self, String> {
         match &self {
-            Self::Stream { rate_hz } if !(*rate_hz > 0.0 && *rate_hz <= MOST_STREAM_HZ) => {
-                Err(format!("rate_hz = {rate_hz} is not a rate from above 0 to {MOST_STREAM_HZ} Hz"))
-            }
+            Self::Stream { rate_hz } if !(LEAST_STREAM_HZ..=MOST_STREAM_HZ).contains(rate_hz) => Err(
+                format!("rate_hz = {rate_hz:?} is not a rate from {LEAST_STREAM_HZ} to {MOST_STREAM_HZ} Hz"),
+            ),
             Self::Payload { mass, .. } if !(0.0..=MOST_PAYLOAD_KG).contains(mass) => {
                 Err(format!("mass = {mass} is not a mass from 0 to {MOST_PAYLOAD_KG} kg"))
             }
@@ -179,6 +182,7 @@ mod tests {
             (r#"{"command":"payload","mass":1e9}"#, "1000000000"),
             (r#"{"command":"payload","mass":1,"com":[0,0,11]}"#, "11"),
             (r#"{"command":"stream","rate_hz":0}"#, "rate_hz = 0"),
+            (r#"{"command":"stream","rate_hz":1e-300}"#, "rate_hz = 1e-300 is not a rate from 0.001"),
             (r#"{"command":"stream","rate_hz":1e6}"#, "200"),
         ] {
             let error = parse(line).unwrap_err();
@@ -192,7 +196,7 @@ mod tests {
             Just(Request::Tare {}),
             Just(Request::Untare {}),
             Just(Request::Reload {}),
-            (f64::MIN_POSITIVE..=MOST_STREAM_HZ).prop_map(|rate_hz| Request::Stream { rate_hz }),
+            (LEAST_STREAM_HZ..=MOST_STREAM_HZ).prop_map(|rate_hz| Request::Stream { rate_hz }),
             (0.0..=MOST_PAYLOAD_KG, prop::array::uniform3(-10.0..=10.0f64))
                 .prop_map(|(mass, com)| Request::Payload { mass, com }),
         ]

@@ -1,7 +1,8 @@
 //! Small answers over HTTP to clients that are not trusted: few connections, short requests, little time.
 
+use std::collections::HashMap;
 use std::net::{IpAddr, TcpListener};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use http_body_util::Full;
@@ -12,12 +13,13 @@ use hyper::service::service_fn;
 use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::sync::Semaphore;
 
 use super::Server;
 
 /// Connections at a time; who comes beyond them is turned away.
 const CONNECTIONS: usize = 32;
+/// Of these, for one address: no host takes the others' places.
+const CONNECTIONS_OF_ONE: usize = 8;
 /// Longest head of a request, bytes.
 const HEAD_BYTES: usize = 8192;
 /// How long a request may take to arrive.
@@ -48,18 +50,57 @@ impl Answer {
 /// Answers a path.
 pub type Answerer = Arc<dyn Fn(&str) -> Answer + Send + Sync>;
 
-/// Serves GET and HEAD on a listener, to the addresses that `allow` accepts.
+/// Who has how many connections.
+#[derive(Debug, Default)]
+struct Places(Mutex<HashMap<IpAddr, usize>>);
+
+/// A connection's place until it is dropped.
+#[derive(Debug)]
+struct Place {
+    places: Arc<Places>,
+    host: IpAddr,
+}
+
+impl Places {
+    /// A place for one more connection of a host, if there is one.
+    fn take(places: &Arc<Self>, host: IpAddr) -> Option<Place> {
+        let mut taken = places.taken();
+        let own = taken.get(&host).copied().unwrap_or(0);
+        if own >= CONNECTIONS_OF_ONE || taken.values().sum::<usize>() >= CONNECTIONS {
+            return None;
+        }
+        taken.insert(host, own + 1);
+        Some(Place { places: places.clone(), host })
+    }
+
+    fn taken(&self) -> MutexGuard<'_, HashMap<IpAddr, usize>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut taken = self.places.taken();
+        match taken.get_mut(&self.host) {
+            Some(own) if *own > 1 => *own -= 1,
+            _ => drop(taken.remove(&self.host)),
+        }
+    }
+}
+
+/// Serves GET and HEAD on a listener, to the addresses that `allow` accepts; an answer may depend on the address that was asked.
 pub(crate) fn serve(
     listener: TcpListener,
     allow: impl Fn(IpAddr) -> bool + Send + 'static,
-    answerer: Answerer,
+    answerer: impl Fn(&str, IpAddr) -> Answer + Send + Sync + 'static,
 ) -> Server {
     Box::pin(async move {
         let listener = match tokio::net::TcpListener::from_std(listener) {
             Ok(listener) => listener,
             Err(error) => return tracing::error!("HTTP is not served: {error}"),
         };
-        let places = Arc::new(Semaphore::new(CONNECTIONS));
+        let answerer = Arc::new(answerer);
+        let places = Arc::<Places>::default();
         loop {
             let (stream, peer) = match listener.accept().await {
                 Ok(accepted) => accepted,
@@ -70,11 +111,13 @@ pub(crate) fn serve(
                     continue;
                 }
             };
-            let Ok(place) = places.clone().try_acquire_owned() else { continue };
             if !allow(peer.ip()) {
                 continue;
             }
+            let Some(place) = Places::take(&places, peer.ip()) else { continue };
+            let Ok(asked) = stream.local_addr() else { continue };
             let answerer = answerer.clone();
+            let answerer: Answerer = Arc::new(move |path| answerer(path, asked.ip().to_canonical()));
             tokio::spawn(async move {
                 attend(stream, answerer).await;
                 drop(place);
@@ -116,4 +159,24 @@ fn respond(request: &Request<Incoming>, answerer: &Answerer) -> Response<Full<By
         headers.insert(ALLOW, HeaderValue::from_static("GET, HEAD"));
     }
     response
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_host_has_some_of_the_places_and_all_hosts_have_all() {
+        let places = Arc::<Places>::default();
+        let host = |last: u8| IpAddr::from([10, 0, 0, last]);
+        let of_one: Vec<Place> = std::iter::from_fn(|| Places::take(&places, host(1))).collect();
+        assert_eq!(of_one.len(), CONNECTIONS_OF_ONE);
+        let of_others: Vec<Place> =
+            (2..=255).flat_map(|last| [0, 1].map(|_| Places::take(&places, host(last)))).flatten().collect();
+        assert_eq!(of_one.len() + of_others.len(), CONNECTIONS);
+        drop(of_one);
+        assert!(Places::take(&places, host(1)).is_some());
+        drop(of_others);
+        assert!(places.taken().is_empty(), "nothing is remembered of who has gone");
+    }
 }

@@ -4,7 +4,11 @@
 //! or hostile a client is, the cycle does not notice.
 
 pub mod http;
+#[allow(unsafe_code)]
+mod inherited;
 pub(crate) mod ports;
+
+pub(crate) use inherited::descriptors;
 
 use std::future::Future;
 use std::pin::Pin;
@@ -29,7 +33,8 @@ pub type Server = Pin<Box<dyn Future<Output = ()> + Send>>;
 /// Asks for a reload; what became of it comes back, in words.
 pub(crate) type ReloadRequest = oneshot::Sender<Result<String, String>>;
 
-/// The cycle is taken to stand still when it has published nothing for so long: it speaks even of silence more often.
+/// The cycle is taken to stand still when it has published nothing for so long: it speaks even of silence more often, on any grid but
+/// the slowest ([`Robot::patience`]).
 const STANDSTILL: Duration = Duration::from_secs(1);
 
 /// What runs, as far as clients may know it.
@@ -43,6 +48,14 @@ pub(crate) struct Robot {
     /// Names of the gauges, in the board's order.
     pub(crate) gauges: Vec<String>,
     pub(crate) board: Arc<Board>,
+}
+
+impl Robot {
+    /// For how long the cycle may publish nothing: two periods of a grid that is slow.
+    fn patience(&self) -> Duration {
+        let periods_s = if self.mode == "fixed" { 2.0 / self.rate_hz } else { 0.0 };
+        Duration::try_from_secs_f64(periods_s).map_or(Duration::MAX, |periods| periods.max(STANDSTILL))
+    }
 }
 
 /// How fast it goes, measured over about a second.
@@ -85,8 +98,11 @@ impl Pulse {
         }
     }
 
-    fn stands_still(&self) -> bool {
-        self.published_at.elapsed() > STANDSTILL
+    /// How long the cycle has stood still, if it does, having published so many records by now. It may have published some that this has
+    /// not noticed yet: this thread may have stood still itself, over a reload.
+    fn standstill(&self, published: u64, patience: Duration) -> Option<Duration> {
+        let passed = self.published_at.elapsed();
+        (published == self.published && passed > patience).then_some(passed)
     }
 }
 
@@ -104,19 +120,24 @@ pub struct Shared {
 }
 
 impl Shared {
+    /// The newest record as clients may take it, the one place where they do: of a cycle that stands still the last wrench is none.
+    pub(crate) fn newest(&self) -> Option<Published> {
+        let record = self.feed.newest()?;
+        let (published, patience) = (self.health.totals().published, self.robot.borrow().patience());
+        let standing = self.pulse.borrow().standstill(published, patience);
+        Some(standing.map_or(record, |passed| record.left_behind(passed.as_nanos() as i64)))
+    }
+
     /// The newest record as clients see it.
     pub(crate) fn live(&self) -> Option<Live> {
         let robot = self.robot.borrow().clone();
         let now = SystemClock.now().monotonic_ns;
-        self.feed.newest().map(|record| Live::new(&record, &robot.board, &robot.gauges, now))
+        self.newest().map(|record| Live::new(&record, &robot.board, &robot.gauges, now))
     }
 
-    /// The newest record if it has a wrench and the cycle goes on; else why not.
+    /// The newest record if it has a wrench; else why not.
     pub(crate) fn healthy(&self) -> Result<Published, String> {
-        if self.pulse.borrow().stands_still() {
-            return Err("the real-time cycle stands still".to_owned());
-        }
-        let record = self.feed.newest().ok_or("nothing has been published yet")?;
+        let record = self.newest().ok_or("nothing has been published yet")?;
         record.outcome.map_or_else(|why| Err(why.to_string()), |_| Ok(record))
     }
 
@@ -145,5 +166,32 @@ impl Shared {
         let gone = |_| "the daemon is stopping".to_owned();
         self.reloads.send(answer).await.map_err(|_| gone(()))?;
         answered.await.map_err(|_| gone(()))?
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pulse_that_was_not_taken_for_long_is_no_standstill() {
+        let published_at = Instant::now().checked_sub(2 * STANDSTILL).unwrap();
+        let pulse = Pulse { published_at, published: 7, ..Pulse::new() };
+        assert!(pulse.standstill(7, STANDSTILL).is_some_and(|passed| passed >= 2 * STANDSTILL));
+        assert_eq!(pulse.standstill(8, STANDSTILL), None, "it goes on");
+        assert_eq!(Pulse { published_at: Instant::now(), ..pulse }.standstill(7, STANDSTILL), None);
+    }
+
+    #[test]
+    fn a_slow_grid_is_no_standstill() {
+        let patience = |mode, rate_hz| {
+            let (config, model, model_sha256) = Default::default();
+            let board = Arc::new(Board::new(0));
+            Robot { config, model, model_sha256, mode, rate_hz, gauges: Vec::new(), board }.patience()
+        };
+        assert_eq!(patience("fixed", 1000.0), STANDSTILL);
+        assert_eq!(patience("fixed", 0.25), Duration::from_secs(8));
+        assert_eq!(patience("fixed", 1e-300), Duration::MAX);
+        assert_eq!(patience("event", 0.25), STANDSTILL);
     }
 }

@@ -3,9 +3,12 @@
 use std::fs::{File, OpenOptions, Permissions, TryLockError};
 use std::io;
 use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::os::fd::OwnedFd;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
+
+use super::inherited::Inherited;
 
 /// Owner and group may give orders, nobody else may even look.
 const SOCKET_MODE: u32 = 0o660;
@@ -31,6 +34,8 @@ impl PortError {
 #[derive(Debug, Default)]
 pub(crate) struct Ports {
     kept: Vec<Kept>,
+    /// What the service manager has opened for the daemon. It stays open whatever is asked for: the manager's own copy does, too.
+    inherited: Vec<Inherited>,
     /// Number of the opening that runs, or ran last.
     opening: u64,
 }
@@ -51,7 +56,23 @@ enum Socket {
     Control(ControlSocket),
 }
 
+impl Socket {
+    /// Where clients find it, unless it is in the file system.
+    fn address(&self) -> Option<SocketAddr> {
+        match self {
+            Self::Tcp(listener) => listener.local_addr().ok(),
+            Self::Udp(socket) => socket.local_addr().ok(),
+            Self::Control(_) => None,
+        }
+    }
+}
+
 impl Ports {
+    /// With what the service manager has opened: whoever asks for the address of one of them gets that.
+    pub(crate) fn new(inherited: Vec<OwnedFd>) -> Self {
+        Self { inherited: inherited.into_iter().filter_map(Inherited::new).collect(), ..Self::default() }
+    }
+
     /// Begins an opening; [`Ports::keep_used`] or [`Ports::keep_old`] ends it.
     pub(crate) fn begin(&mut self) {
         self.opening += 1;
@@ -60,6 +81,14 @@ impl Ports {
     /// Closes what the last opening did not ask for.
     pub(crate) fn keep_used(&mut self) {
         self.kept.retain(|kept| kept.used_in == self.opening);
+        for address in self.inherited.iter().map(Inherited::address) {
+            if !self.kept.iter().any(|kept| kept.socket.address() == Some(address)) {
+                tracing::warn!(
+                    "the service manager has opened {address} for the daemon, but no table of the configuration has exactly that \
+                     address: nobody answers there"
+                );
+            }
+        }
     }
 
     /// Closes what the last opening has opened.
@@ -69,12 +98,14 @@ impl Ports {
 
     /// A listener on a TCP address.
     pub(crate) fn tcp(&mut self, table: &'static str, address: SocketAddr) -> Result<TcpListener, PortError> {
+        let inherited = self.inherited.iter().find_map(|socket| socket.tcp(address));
         let open = || {
-            let listener = TcpListener::bind(address)?;
+            let listener = inherited.unwrap_or_else(|| TcpListener::bind(address))?;
             listener.set_nonblocking(true)?;
             Ok(Socket::Tcp(listener))
         };
-        self.take(table, address.to_string(), open, |socket| match socket {
+        let own = self.own_holder(address, |socket| matches!(socket, Socket::Tcp(_)));
+        self.take(table, address.to_string(), own, open, |socket| match socket {
             Socket::Tcp(listener) => Some(listener.try_clone()),
             _ => None,
         })
@@ -82,12 +113,14 @@ impl Ports {
 
     /// A UDP socket on an address.
     pub(crate) fn udp(&mut self, table: &'static str, address: SocketAddr) -> Result<UdpSocket, PortError> {
+        let inherited = self.inherited.iter().find_map(|socket| socket.udp(address));
         let open = || {
-            let socket = UdpSocket::bind(address)?;
+            let socket = inherited.unwrap_or_else(|| UdpSocket::bind(address))?;
             socket.set_nonblocking(true)?;
             Ok(Socket::Udp(socket))
         };
-        self.take(table, address.to_string(), open, |socket| match socket {
+        let own = self.own_holder(address, |socket| matches!(socket, Socket::Udp(_)));
+        self.take(table, address.to_string(), own, open, |socket| match socket {
             Socket::Udp(socket) => Some(socket.try_clone()),
             _ => None,
         })
@@ -96,9 +129,29 @@ impl Ports {
     /// A listener on a socket in the file system.
     pub(crate) fn control(&mut self, table: &'static str, path: &Path) -> Result<UnixListener, PortError> {
         let open = || ControlSocket::open(path).map(Socket::Control);
-        self.take(table, path.display().to_string(), open, |socket| match socket {
+        self.take(table, path.display().to_string(), None, open, |socket| match socket {
             Socket::Control(socket) => Some(socket.listener.try_clone()),
             _ => None,
+        })
+    }
+
+    /// Which of this daemon's own sockets of a kind keeps an address from being opened, and what to do.
+    fn own_holder(&self, address: SocketAddr, same_kind: impl Fn(&Socket) -> bool) -> Option<String> {
+        let holds = |kept: &&Kept| {
+            same_kind(&kept.socket) && kept.socket.address().is_some_and(|own| meet(own, address))
+        };
+        let Some(Kept { table, address, used_in, .. }) = self.kept.iter().find(holds) else {
+            let manager = self.inherited.iter().map(Inherited::address).find(|own| meet(*own, address))?;
+            return Some(format!(
+                "the service manager has opened {manager} for this daemon: set exactly that address"
+            ));
+        };
+        Some(match *used_in == self.opening {
+            true => format!("{table} {address} of the same configuration has it: set another address"),
+            false => format!(
+                "this daemon itself has it, as {table} {address} of the configuration that runs: restart the daemon \
+                 instead of reloading"
+            ),
         })
     }
 
@@ -106,13 +159,19 @@ impl Ports {
         &mut self,
         table: &'static str,
         address: String,
+        own_holder: Option<String>,
         open: impl FnOnce() -> io::Result<Socket>,
         part: impl Fn(&Socket) -> Option<io::Result<S>>,
     ) -> Result<S, PortError> {
         let opening = self.opening;
         let failed = |error: io::Error| {
             let taken = error.kind() == io::ErrorKind::AddrInUse;
-            PortError { table, address: address.clone(), reason: reason(&error), taken }
+            PortError {
+                table,
+                address: address.clone(),
+                reason: reason(&error, own_holder.as_deref()),
+                taken,
+            }
         };
         let known = self.kept.iter_mut().find(|kept| (kept.table, &kept.address) == (table, &address));
         if let Some(kept) = known
@@ -130,16 +189,26 @@ impl Ports {
     }
 }
 
-fn reason(error: &io::Error) -> String {
+/// Whether a socket on the one address keeps another from the other, both of the same protocol.
+fn meet(a: SocketAddr, b: SocketAddr) -> bool {
+    let same =
+        a.is_ipv4() == b.is_ipv4() && (a.ip() == b.ip() || [a, b].iter().any(|x| x.ip().is_unspecified()));
+    // [::] is usually for IPv4, too.
+    let both = [a, b].iter().any(|x| x.is_ipv6() && x.ip().is_unspecified());
+    a.port() == b.port() && (same || both)
+}
+
+fn reason(error: &io::Error, own_holder: Option<&str>) -> String {
     if error.get_ref().is_some() {
         return error.to_string(); // Ours: it says already what to do.
     }
-    let remedy = match error.kind() {
-        io::ErrorKind::AddrInUse => "another program has it: stop that, or set another address",
-        io::ErrorKind::AddrNotAvailable => "no interface of this computer has that address",
-        io::ErrorKind::PermissionDenied => {
-            "this user may not: set another address, or run it as a service that may (ports below 1024 need \
-             CAP_NET_BIND_SERVICE)"
+    let remedy = match (error.kind(), own_holder) {
+        (io::ErrorKind::AddrInUse, Some(own)) => own,
+        (io::ErrorKind::AddrInUse, None) => "another program has it: stop that, or set another address",
+        (io::ErrorKind::AddrNotAvailable, _) => "no interface of this computer has that address",
+        (io::ErrorKind::PermissionDenied, _) => {
+            "this user may not: set another address, or have the service manager open it (a port below 1024: \
+             systemd/wrenchd-netft.socket is an example)"
         }
         _ => return error.to_string(),
     };
@@ -253,7 +322,7 @@ mod tests {
         ports.tcp("[b]", b).unwrap();
         let again = ports.tcp("[a]", a).unwrap();
         let taken = ports.tcp("[c]", a).unwrap_err().to_string();
-        assert!(taken.starts_with(&format!("[c] {a}: ")) && taken.contains("another program"), "{taken}");
+        assert!(taken.starts_with(&format!("[c] {a}: ")) && taken.contains("[a]"), "{taken}");
         ports.keep_old();
         assert!(TcpListener::bind(b).is_ok(), "the new one is closed again");
         again.set_nonblocking(false).unwrap();
@@ -263,5 +332,61 @@ mod tests {
         ports.begin();
         ports.keep_used();
         assert!(TcpListener::bind(a).is_ok());
+    }
+
+    #[test]
+    fn what_the_service_manager_has_opened_is_taken_and_stays() {
+        let (tcp, udp) = (TcpListener::bind("127.0.0.1:0").unwrap(), UdpSocket::bind("127.0.0.1:0").unwrap());
+        let (a, b) = (tcp.local_addr().unwrap(), udp.local_addr().unwrap());
+        let mut ports = Ports::new(vec![tcp.into(), udp.into()]);
+        ports.begin();
+        let listener = ports.tcp("[a]", a).unwrap();
+        let socket = ports.udp("[b]", b).unwrap();
+        ports.keep_used();
+        let client = std::net::TcpStream::connect(a).unwrap();
+        listener.set_nonblocking(false).unwrap();
+        assert_eq!(listener.accept().unwrap().1, client.local_addr().unwrap());
+        UdpSocket::bind("127.0.0.1:0").unwrap().send_to(b"x", b).unwrap();
+        socket.set_nonblocking(false).unwrap();
+        assert_eq!(socket.recv(&mut [0; 9]).unwrap(), 1);
+        // A reload that does not ask for it, and one that does again.
+        drop((listener, socket));
+        ports.begin();
+        ports.keep_used();
+        assert!(TcpListener::bind(a).is_err());
+        let everywhere =
+            ports.tcp("[a]", SocketAddr::from(([0, 0, 0, 0], a.port()))).unwrap_err().to_string();
+        assert!(everywhere.contains(&format!("the service manager has opened {a}")), "{everywhere}");
+        ports.begin();
+        assert_eq!(ports.tcp("[a]", a).unwrap().local_addr().unwrap(), a);
+    }
+
+    #[test]
+    fn who_has_an_address_is_told_from_another_program() {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let (own, port) = (socket.local_addr().unwrap(), socket.local_addr().unwrap().port());
+        drop(socket);
+        let mut ports = Ports::default();
+        ports.begin();
+        ports.udp("[a]", own).unwrap();
+        ports.keep_used();
+        ports.begin();
+        for everywhere in ["0.0.0.0", "[::]"] {
+            let Ok(wanted) = format!("{everywhere}:{port}").parse() else { panic!("{everywhere}") };
+            let Err(refused) = ports.udp("[a]", wanted) else { continue };
+            let refused = refused.to_string();
+            assert!(refused.contains("this daemon itself") && refused.contains("restart"), "{refused}");
+            assert!(refused.contains(&own.to_string()), "{refused}");
+        }
+        assert!(ports.udp("[a]", SocketAddr::from(([0, 0, 0, 0], port))).is_err());
+        ports.keep_old();
+        let other = Ports::default().udp("[a]", own).unwrap_err();
+        assert!(other.is_taken() && other.to_string().contains("another program"), "{other}");
+        let meets = |a: &str, b: &str| meet(a.parse().unwrap(), b.parse().unwrap());
+        assert!(
+            meets("0.0.0.0:1", "127.0.0.1:1") && meets("[::]:1", "10.0.0.1:1") && meets("[::1]:1", "[::]:1")
+        );
+        assert!(!meets("127.0.0.2:1", "127.0.0.1:1") && !meets("0.0.0.0:1", "0.0.0.0:2"));
+        assert!(!meets("0.0.0.0:1", "[::1]:1"));
     }
 }

@@ -2,8 +2,6 @@
 
 mod prometheus;
 
-use std::sync::Arc;
-
 use hyper::StatusCode;
 use rig::Config;
 use serde::Serialize;
@@ -22,7 +20,7 @@ pub(super) fn open(config: &Config, shared: &Shared, ports: &mut Ports) -> Resul
     let Some(metrics) = &config.publish.metrics else { return Ok(Opened::default()) };
     let listener = ports.tcp("[publish.metrics]", metrics.bind)?;
     let shared = shared.clone();
-    let server: Server = http::serve(listener, |_| true, Arc::new(move |path| answer(&shared, path)));
+    let server: Server = http::serve(listener, |_| true, move |path, _| answer(&shared, path));
     Ok(Opened { output: None, servers: vec![server] })
 }
 

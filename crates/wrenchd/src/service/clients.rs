@@ -11,7 +11,7 @@ use crate::desk::Desk;
 use crate::feed::Feed;
 use crate::health::Health;
 use crate::network::ports::Ports;
-use crate::network::{Pulse, ReloadRequest, Robot, Server, Shared};
+use crate::network::{self, Pulse, ReloadRequest, Robot, Server, Shared};
 use crate::output::{self, OpenError, Output};
 
 /// Reloads that may wait at a time.
@@ -19,7 +19,7 @@ const RELOADS: usize = 4;
 
 /// Everything that serves clients, and what it shares.
 pub(super) struct Clients {
-    shared: Shared,
+    pub(super) shared: Shared,
     ports: Ports,
     robot: watch::Sender<Arc<Robot>>,
     pulse: watch::Sender<Pulse>,
@@ -45,7 +45,15 @@ impl Clients {
             rdt: Arc::default(),
             started: Instant::now(),
         };
-        Self { shared, ports: Ports::default(), robot, pulse, reloads, opened: Vec::new(), tasks: Vec::new() }
+        Self {
+            shared,
+            ports: Ports::new(network::descriptors()),
+            robot,
+            pulse,
+            reloads,
+            opened: Vec::new(),
+            tasks: Vec::new(),
+        }
     }
 
     /// Opens all that a configuration asks for and returns what runs inside the cycle; on an error nothing has changed.

@@ -78,8 +78,10 @@ impl Loaded {
             .clone()
             .or(configured)
             .ok_or_else(|| StartError::NoModel { config: options.config.clone() })?;
-        let model = ModelFile::load(&model_file, &rig)?;
-        let model_sha256 = std::fs::read(&model_file).map(|bytes| sha256_hex(&bytes)).unwrap_or_default();
+        // Read once: the hash is of what runs, whoever writes the file meanwhile.
+        let text = ModelFile::text(&model_file)?;
+        let model = ModelFile::of_robot(&model_file, &text, &rig)?;
+        let model_sha256 = sha256_hex(text.as_bytes());
         Ok(Self { rig, model, model_file, model_sha256 })
     }
 
@@ -173,5 +175,29 @@ pub(super) fn mode_name(mode: PublishMode) -> &'static str {
     match mode {
         PublishMode::Fixed => "fixed",
         PublishMode::Event => "event",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::process::Command;
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
+    /// A pipe gives its text once.
+    #[test]
+    fn the_model_is_read_once_and_its_hash_is_of_what_was_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut options = super::super::tests::files(folder.path(), "");
+        let (file, pipe) = (folder.path().join("model.toml"), folder.path().join("pipe.toml"));
+        assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        options.model = Some(pipe.clone());
+        let (tell, told) = channel();
+        std::thread::spawn(move || tell.send(Loaded::load(&options).unwrap().model_sha256));
+        let text = std::fs::read(file).unwrap();
+        std::fs::write(pipe, &text).unwrap();
+        let hash = told.recv_timeout(Duration::from_secs(20)).expect("it waits for a second text");
+        assert_eq!(hash, sha256_hex(&text));
     }
 }

@@ -87,7 +87,6 @@ fn start(
     let (writer, feed) = feed(FEED_RECORDS);
     let (desk, inbox) = desk();
     let engine = loaded.engine()?;
-    let reader = feed.reader();
     let mut clients = Clients::new(loaded.robot(&engine), feed, health.clone(), desk);
     let outputs = clients.open(&loaded.rig.config)?;
     let (source, recorder) = bus(options, &loaded)?;
@@ -97,5 +96,5 @@ fn start(
     if let Some(refused) = refused {
         tracing::warn!("{refused}");
     }
-    Ok(Supervisor { options: options.clone(), loaded, runner, recorder, health, reader, clients })
+    Ok(Supervisor { options: options.clone(), loaded, runner, recorder, health, clients })
 }

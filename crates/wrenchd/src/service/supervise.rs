@@ -11,7 +11,6 @@ use tokio::time::{MissedTickBehavior, interval};
 use super::clients::Clients;
 use super::load::{Loaded, StartError};
 use super::{Options, notify};
-use crate::feed::FeedReader;
 use crate::health::{Health, Totals};
 use crate::network::ReloadRequest;
 use crate::published::Why;
@@ -32,7 +31,6 @@ pub(super) struct Supervisor {
     pub(super) runner: Runner,
     pub(super) recorder: Option<Recorder>,
     pub(super) health: Arc<Health>,
-    pub(super) reader: FeedReader,
     pub(super) clients: Clients,
 }
 
@@ -109,7 +107,7 @@ impl Supervisor {
     fn look(&mut self, watch: &mut Watch) {
         self.runner.free_retired();
         self.clients.beat();
-        if let Some(record) = self.reader.newest() {
+        if let Some(record) = self.clients.shared.newest() {
             watch.state(record.status, record.outcome.err());
         }
         watch.report(&self.health);

@@ -101,7 +101,7 @@ fn event_mode_loses_nothing_and_says_when_the_bus_falls_silent() {
     world.turn_until(0.7);
     let records = world.records();
     let silent: Vec<&Published> = records.iter().filter(|r| r.outcome == Err(Why::Stale)).collect();
-    assert_eq!(silent.len(), 3, "at 20, 120 and 220 ms of silence");
+    assert_eq!(silent.len(), 5, "at 20, 70, 120, 170 and 220 ms of silence");
     assert!(silent[0].published_ns - sim::START_NS < 521_000_000);
     let spoken = records.len() - silent.len();
     assert!(spoken as u64 >= world.health.totals().complete_rounds && spoken >= 498);

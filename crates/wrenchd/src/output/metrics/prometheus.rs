@@ -97,7 +97,7 @@ pub(super) fn text(shared: &Shared) -> String {
     }
     let valid = shared.healthy().is_ok();
     text.gauge("healthy", "1 while valid wrenches are published.", u8::from(valid));
-    if let Some(record) = shared.feed.newest() {
+    if let Some(record) = shared.newest() {
         wrench(&mut text, &record);
     }
     let gauges: Vec<(&String, GaugeReadback)> = robot.gauges.iter().zip(robot.board.gauges()).collect();

@@ -1,5 +1,6 @@
 //! Requests and records as bytes.
 
+use model::estimator::Solution;
 use rig::config::PublishRdt;
 
 use crate::published::Dispatch;
@@ -46,30 +47,42 @@ impl Request {
     }
 }
 
+/// How many counts are a newton, and a newton metre, for each component.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scale([f64; 6]);
+
+impl Scale {
+    pub(super) fn new(rdt: &PublishRdt) -> Self {
+        let (force, moment) = (f64::from(rdt.counts_per_n), f64::from(rdt.counts_per_nm));
+        Self([force, force, force, moment, moment, moment])
+    }
+
+    /// A wrench in counts; one beyond their range is none.
+    pub(super) fn counts(&self, solution: &Solution) -> Option<[i32; 6]> {
+        let wrench = solution.wrench.to_vector();
+        let counts: [f64; 6] = std::array::from_fn(|k| (wrench[k] * self.0[k]).round());
+        let fits = counts.iter().all(|c| c.abs() <= f64::from(i32::MAX));
+        fits.then(|| counts.map(|c| c as i32))
+    }
+}
+
 /// Makes records; keeps the last wrench for those that have none.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Recorder {
-    counts_per_unit: [f64; 6],
+    scale: Scale,
     last_counts: [i32; 6],
     status: u32,
 }
 
 impl Recorder {
     pub(super) fn new(rdt: &PublishRdt) -> Self {
-        let (force, moment) = (f64::from(rdt.counts_per_n), f64::from(rdt.counts_per_nm));
-        let counts_per_unit = [force, force, force, moment, moment, moment];
-        Self { counts_per_unit, last_counts: [0; 6], status: STATUS_INVALID }
+        Self { scale: Scale::new(rdt), last_counts: [0; 6], status: STATUS_INVALID }
     }
 
     /// Takes in what was published, whether anybody listens or not. A wrench beyond the counts' range is none.
     pub(super) fn note(&mut self, record: &Dispatch) {
-        let scaled = record.outcome.ok().map(|solution| {
-            let wrench = solution.wrench.to_vector();
-            std::array::from_fn(|k| (wrench[k] * self.counts_per_unit[k]).round())
-        });
-        let fits = |counts: &[f64; 6]| counts.iter().all(|c| c.abs() <= f64::from(i32::MAX));
-        match scaled.filter(fits) {
-            Some(counts) => (self.last_counts, self.status) = (counts.map(|c| c as i32), 0),
+        match record.outcome.ok().and_then(|solution| self.scale.counts(&solution)) {
+            Some(counts) => (self.last_counts, self.status) = (counts, 0),
             None => self.status = STATUS_INVALID,
         }
     }
@@ -90,7 +103,6 @@ impl Recorder {
 mod tests {
     use super::*;
     use crate::published::Why;
-    use model::estimator::Solution;
     use model::spatial::Wrench;
     use nalgebra::{Matrix6, Vector6};
     use proptest::prelude::*;

@@ -46,13 +46,14 @@ pub(super) fn serve(socket: UdpSocket, allow: Vec<Network>, shared: Shared) -> S
                 continue;
             }
             let Some(request) = Request::parse(&data[..length]) else { continue };
+            if let Err(holder) = grants.take(request, from, Instant::now()) {
+                refused.say(|| tracing::warn!("RDT request from {from} refused: {holder} holds the stream"));
+                continue;
+            }
             if request == Request::Bias
                 && let Ok(place) = taring.clone().try_acquire_owned()
             {
                 tokio::spawn(bias(shared.clone(), from, place));
-            }
-            if let Err(holder) = grants.take(request, from, Instant::now()) {
-                refused.say(|| tracing::warn!("RDT request from {from} refused: {holder} holds the stream"));
             }
         }
     })

@@ -2,6 +2,7 @@
 
 use std::net::{IpAddr, Ipv6Addr, SocketAddr, SocketAddrV6};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::record::Request;
@@ -18,6 +19,8 @@ pub struct Stream {
     request: Words<4>,
     /// Records sent for that request: its number in the upper half, how many in the lower. Written by the cycle alone.
     sent: AtomicU64,
+    /// The host that holds the stream, and until when against others. The cycle does not look here.
+    holder: Mutex<Option<(IpAddr, Instant)>>,
 }
 
 /// Wanted without end.
@@ -27,8 +30,6 @@ const ENDLESS: u64 = u64::MAX;
 #[derive(Debug)]
 pub struct Grants<'a> {
     stream: &'a Stream,
-    /// The host that holds the stream, and until when against others.
-    holder: Option<(IpAddr, Instant)>,
 }
 
 impl Stream {
@@ -67,27 +68,30 @@ impl Stream {
 }
 
 impl<'a> Grants<'a> {
-    /// For the only task that takes in requests. A stream from before (a reload) goes on.
+    /// For the only task that takes in requests. A stream from before (a reload) goes on, and stays its holder's.
     pub fn new(stream: &'a Stream) -> Self {
-        Self { stream, holder: None }
+        Self { stream }
     }
 
-    /// Starts or ends the stream as asked; the host that holds it if that is another one.
+    /// Starts or ends the stream as asked, or lets a bias pass; the host that holds the stream if that is another one. After its lease
+    /// another may take the stream over, but neither stop it nor shift the zeros beneath it.
     pub fn take(&mut self, request: Request, from: SocketAddr, now: Instant) -> Result<(), IpAddr> {
+        let mut held = self.stream.holder.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((holder, until)) = *held
+            && request != Request::ResetLatch
+            && holder != from.ip()
+            && self.stream.is_live()
+            && (now < until || matches!(request, Request::Stop | Request::Bias))
+        {
+            return Err(holder);
+        }
         let wanted = match request {
             Request::Stop => 0,
             Request::Stream(None) => ENDLESS,
             Request::Stream(Some(count)) => count.into(),
             Request::ResetLatch | Request::Bias => return Ok(()),
         };
-        if let Some((holder, until)) = self.holder
-            && holder != from.ip()
-            && self.stream.is_live()
-            && (now < until || request == Request::Stop)
-        {
-            return Err(holder);
-        }
-        self.holder = Some((from.ip(), now + LEASE));
+        *held = Some((from.ip(), now + LEASE));
         let (bits, scope) = match from {
             SocketAddr::V4(from) => (from.ip().to_ipv6_mapped().to_bits(), 0),
             SocketAddr::V6(from) => (from.ip().to_bits(), from.scope_id()),
@@ -148,6 +152,39 @@ mod tests {
         assert_eq!(sent(&stream, 9), [("10.0.0.2:5".into(), 1)]);
         grants.take(Request::Stream(None), robot, begun + 2 * LEASE).unwrap();
         assert_eq!(sent(&stream, 1)[0].0, "10.0.0.1:5", "an ended stream belongs to nobody");
+    }
+
+    #[test]
+    fn the_holder_keeps_its_lease_through_a_reload() {
+        let stream = Stream::default();
+        let (robot, other): (SocketAddr, SocketAddr) =
+            ("10.0.0.1:5".parse().unwrap(), "10.0.0.2:5".parse().unwrap());
+        let begun = Instant::now();
+        Grants::new(&stream).take(Request::Stream(None), robot, begun).unwrap();
+        let mut after = Grants::new(&stream);
+        for request in [Request::Stream(None), Request::Stop, Request::Bias] {
+            assert_eq!(after.take(request, other, begun + LEASE / 2), Err(robot.ip()), "{request:?}");
+        }
+        assert_eq!(sent(&stream, 1)[0].0, "10.0.0.1:5");
+        after.take(Request::Stream(None), other, begun + LEASE).unwrap();
+    }
+
+    #[test]
+    fn only_the_holder_of_a_live_stream_shifts_its_zeros() {
+        let stream = Stream::default();
+        let mut grants = Grants::new(&stream);
+        let (robot, other): (SocketAddr, SocketAddr) =
+            ("10.0.0.1:5".parse().unwrap(), "10.0.0.2:5".parse().unwrap());
+        let begun = Instant::now();
+        grants.take(Request::Bias, other, begun).unwrap();
+        grants.take(Request::Stream(None), robot, begun).unwrap();
+        for later in [Duration::ZERO, LEASE / 2, 2 * LEASE] {
+            assert_eq!(grants.take(Request::Bias, other, begun + later), Err(robot.ip()), "{later:?}");
+            grants.take(Request::ResetLatch, other, begun + later).unwrap();
+            grants.take(Request::Bias, robot, begun + later).unwrap();
+        }
+        grants.take(Request::Stop, robot, begun).unwrap();
+        grants.take(Request::Bias, other, begun).unwrap();
     }
 
     #[test]

@@ -92,7 +92,16 @@ fn tare_payload_and_their_undo_over_the_socket() {
     assert!(
         status.config.ends_with("arm.toml") && status.model_sha256.len() == 64 && status.totals["frames"] > 0
     );
-    assert!(status.live.unwrap().gauges.iter().all(|gauge| gauge.state == "used" && gauge.counts != 0.0));
+    let live = status.live.unwrap();
+    let (sigma, covariance, seen) =
+        (live.sigma.unwrap(), live.covariance.unwrap(), live.singular_values_per_n.unwrap());
+    for (k, j) in (0..6).flat_map(|k| (0..6).map(move |j| (k, j))) {
+        let (own, other) = (covariance[k][j], covariance[j][k]);
+        assert!(own == other && own.abs() <= sigma[k] * sigma[j] * (1.0 + 1e-9), "{covariance:?}");
+    }
+    assert!((covariance[4][4].sqrt() / sigma[4] - 1.0).abs() < 1e-9 && covariance[0][4] != 0.0);
+    assert!(seen[5] > 0.0 && seen.windows(2).all(|pair| pair[0] >= pair[1]), "{seen:?}");
+    assert!(live.gauges.iter().all(|gauge| gauge.state == "used" && gauge.counts != 0.0));
 
     let declared = client.ask(r#"{"command":"payload","mass":0.4,"com":[0.01,0,0.05]}"#);
     let payload = declared.live.unwrap().payload.unwrap();
@@ -126,9 +135,13 @@ fn bad_lines_get_one_clear_answer_and_hurt_nobody() {
     let mut good = Client::new(&daemon);
     good.wait_for_wrench();
     let mut bad = Client::new(&daemon);
-    for (line, part) in
-        [("", "not a request"), ("{\"command\":\"fly\"}", "fly"), ("\u{1}\u{2}", "status, stream, tare")]
-    {
+    for (line, part) in [
+        ("", "not a request"),
+        ("{\"command\":\"fly\"}", "fly"),
+        ("\u{1}\u{2}", "status, stream, tare"),
+        // A period that no clock can hold.
+        ("{\"command\":\"stream\",\"rate_hz\":1e-300}", "rate_hz"),
+    ] {
         let reply = bad.ask(line);
         assert!(!reply.ok && reply.error.as_ref().unwrap().contains(part), "{line:?}: {reply:?}");
     }

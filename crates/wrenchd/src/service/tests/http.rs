@@ -2,7 +2,7 @@
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::{Daemon, free_tcp, http_get, wait_for};
 
@@ -13,12 +13,27 @@ fn serving() -> (Daemon, SocketAddr) {
 
 /// All that is answered to these bytes.
 fn exchange(address: SocketAddr, request: &[u8]) -> String {
-    let mut stream = TcpStream::connect(address).unwrap();
+    over(TcpStream::connect(address).unwrap(), request)
+}
+
+fn over(mut stream: TcpStream, request: &[u8]) -> String {
     stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
     let _ = stream.write_all(request);
     let mut text = Vec::new();
     let _ = stream.read_to_end(&mut text);
     String::from_utf8_lossy(&text).into_owned()
+}
+
+/// What is answered to a GET from 127.0.0.2.
+fn from_another_host(address: SocketAddr) -> String {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build().unwrap();
+    let stream = runtime.block_on(async {
+        let socket = tokio::net::TcpSocket::new_v4().unwrap();
+        socket.bind("127.0.0.2:0".parse().unwrap()).unwrap();
+        socket.connect(address).await.unwrap().into_std().unwrap()
+    });
+    stream.set_nonblocking(false).unwrap();
+    over(stream, b"GET /health HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n")
 }
 
 fn get(address: SocketAddr, path: &str) -> (u16, String) {
@@ -128,8 +143,10 @@ fn bad_clients_are_cut_off_and_others_served() {
     let huge = [b"GET / HTTP/1.1\r\nA: ".as_slice(), &[b'x'; 100_000], b"\r\n\r\n"].concat();
     let answer = exchange(address, &huge);
     assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 4"), "{answer}");
-    // Connections that say nothing fill all places for as long as a request may take, no longer.
+    // Connections that say nothing fill all places of their host for as long as a request may take, no longer.
     let silent: Vec<TcpStream> = (0..40).map(|_| TcpStream::connect(address).unwrap()).collect();
+    let begun = Instant::now();
+    assert!(from_another_host(address).starts_with("HTTP/1.1 ") && begun.elapsed() < Duration::from_secs(4));
     let served = || {
         exchange(address, b"GET /health HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n")
             .starts_with("HTTP/1.1 ")

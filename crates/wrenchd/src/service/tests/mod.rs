@@ -5,6 +5,7 @@ mod http;
 mod picture;
 mod rdt;
 mod reload;
+mod standstill;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -17,7 +18,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use can::channel::{ChannelSender, channel};
+use can::channel::{ChannelSender, ChannelSource, channel};
 use rig::config::PublishMode;
 use sim::Simulator;
 use tempfile::TempDir;
@@ -27,6 +28,7 @@ use super::load::Loaded;
 use super::supervise::Supervisor;
 use crate::common::{examples, holding, model, rig, truth};
 use crate::realtime::SystemClock;
+use crate::runner::BoxedSource;
 use crate::station::Clock;
 
 /// What hangs at the arm's tip, kg, and where, m.
@@ -36,7 +38,7 @@ const LOAD: (f64, [f64; 3]) = (0.4, [0.01, 0.0, 0.05]);
 const RATE_HZ: f64 = 250.0;
 
 /// The example's files in a folder, in event mode, the control socket beside them and nothing sent on CAN; `more` is added.
-fn files(folder: &Path, more: &str) -> Options {
+pub(super) fn files(folder: &Path, more: &str) -> Options {
     for name in ["arm.urdf", "arm.dbc"] {
         fs::copy(examples().join(name), folder.join(name)).unwrap();
     }
@@ -60,9 +62,17 @@ fn supervisor(folder: &Path) -> (Supervisor, ChannelSender) {
 }
 
 fn started(options: &Options) -> (Supervisor, ChannelSender) {
+    started_through(options, |source| Box::new(source))
+}
+
+/// With something between the bus and the cycle.
+fn started_through(
+    options: &Options,
+    through: impl FnOnce(ChannelSource) -> BoxedSource,
+) -> (Supervisor, ChannelSender) {
     let (sender, source) = channel(1 << 14);
     let loaded = Loaded::load(options).unwrap();
-    (super::start(options, loaded, |_, _| Ok((Box::new(source), None))).unwrap(), sender)
+    (super::start(options, loaded, |_, _| Ok((through(source), None))).unwrap(), sender)
 }
 
 /// A daemon that runs; it ends when it is dropped.
@@ -80,8 +90,12 @@ impl Daemon {
     }
 
     fn start_on(more: &str, arm: Simulator) -> Self {
+        Self::start_through(more, arm, |source| Box::new(source))
+    }
+
+    fn start_through(more: &str, arm: Simulator, through: impl FnOnce(ChannelSource) -> BoxedSource) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let (supervisor, sender) = started(&files(folder.path(), more));
+        let (supervisor, sender) = started_through(&files(folder.path(), more), through);
         let (stop, sends) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(true)));
         let bus = std::thread::spawn({
             let (stop, sends) = (stop.clone(), sends.clone());

@@ -128,6 +128,24 @@ fn a_bias_tares_while_the_stream_goes_on() {
     assert!(first > 3.0 && last < 0.2, "{first} N, then {last} N");
 }
 
+#[test]
+fn who_does_not_hold_the_stream_does_not_tare_it() {
+    let Served { rdt, daemon: _daemon, .. } = serving("allow = [\"127.0.0.1\", \"127.0.0.2\"]\n");
+    let (holder, other) = (Client::new(rdt), Client::at("127.0.0.2:0", rdt));
+    holder.ask(2, 0);
+    holder.hear().unwrap();
+    other.ask(0x42, 0);
+    let records = holder.all(RATE_HZ as usize * 2);
+    assert!(records.len() == RATE_HZ as usize * 2 && records.iter().all(|record| force_n(record) > 3.0));
+    holder.ask(0, 0);
+    holder.all(1000);
+    other.ask(0x42, 0);
+    wait_for("a tare", || {
+        other.ask(2, 1);
+        other.hear().is_some_and(|record| force_n(&record) < 0.2)
+    });
+}
+
 /// Whoever sends biases can send many: those asked during a tare are not kept for later.
 #[test]
 fn a_flood_of_biases_leaves_nothing_behind() {
@@ -185,12 +203,29 @@ fn only_allowed_hosts_are_answered_and_the_holder_keeps_its_stream() {
 }
 
 #[test]
+fn the_description_has_the_newest_counts_and_the_address_that_was_asked() {
+    let (rdt, http) = (free_udp().port(), free_tcp().port());
+    let _daemon =
+        Daemon::start(&format!("[publish.rdt]\nbind = \"0.0.0.0:{rdt}\"\nhttp = \"0.0.0.0:{http}\"\n"));
+    let description = || super::http_get(SocketAddr::from(([127, 0, 0, 7], http)), "/netftapi2.xml");
+    wait_for("a wrench", || description().contains("<runstat>0x00000000</runstat>"));
+    let text = description();
+    assert!(text.contains("<netip>127.0.0.7</netip>"), "{text}");
+    let (_, counts) = text.split_once("<runft>").unwrap();
+    let counts: Vec<f64> =
+        counts.split_once('<').unwrap().0.split(';').map(|count| count.parse().unwrap()).collect();
+    let force_n = counts[..3].iter().map(|count| (count * 1e-6).powi(2)).sum::<f64>().sqrt();
+    assert!(counts.len() == 6 && (force_n / (0.4 * 9.80665) - 1.0).abs() < 0.1, "{text}");
+}
+
+#[test]
 fn a_reload_does_not_end_the_stream() {
-    let Served { daemon, rdt, .. } = serving("");
-    let client = Client::new(rdt);
+    let Served { daemon, rdt, .. } = serving("allow = [\"127.0.0.1\", \"127.0.0.2\"]\n");
+    let (client, other) = (Client::new(rdt), Client::at("127.0.0.2:0", rdt));
     client.ask(2, 0);
     client.hear().unwrap();
     super::control_line(&daemon, r#"{"command":"reload"}"#);
+    other.ask(2, 0);
     let records = client.all(300);
     assert!(records.len() == 300 && records.windows(2).all(|pair| pair[1].number == pair[0].number + 1));
     assert!(records.windows(2).all(|pair| pair[1].sample == pair[0].sample + 1));

@@ -14,6 +14,7 @@ use crate::service::supervise::Supervisor;
 
 /// What is published of the next 700 frames, a tenth of a second.
 fn published(supervisor: &mut Supervisor, sender: &ChannelSender, arm: &mut Simulator) -> Vec<Published> {
+    let mut reader = supervisor.clients.shared.feed.reader();
     let frames: Vec<_> = arm.take(700).collect();
     let before = supervisor.health.totals().frames;
     assert!(frames.iter().all(|frame| sender.send(*frame)));
@@ -22,7 +23,7 @@ fn published(supervisor: &mut Supervisor, sender: &ChannelSender, arm: &mut Simu
         assert!(begun.elapsed() < Duration::from_secs(20), "the cycle stands still");
         std::thread::sleep(Duration::from_millis(1));
     }
-    let records: Vec<_> = std::iter::from_fn(|| supervisor.reader.next_record()).collect();
+    let records: Vec<_> = std::iter::from_fn(|| reader.next_record()).collect();
     assert!(records.windows(2).all(|pair| pair[1].sequence == pair[0].sequence + 1));
     records
 }
