@@ -180,6 +180,34 @@ fn what_would_count_twice_overwrite_or_mix_is_refused() {
     let before = std::fs::read(&config).unwrap();
     refused(&["calibrate", run, "--out", &config], &["arm.toml", "one of the inputs"]);
     assert_eq!(std::fs::read(&config).unwrap(), before);
+    let (config, model_there) = (config.as_str(), folder.write("known.toml", "a model"));
+    let (log, reference) = (format!("{run}/can.log.gz"), format!("{run}/reference.csv"));
+    let whole = |dir: &str| -> Vec<Vec<u8>> {
+        let names = ["arm.toml", "arm.urdf", "arm.dbc", "run.toml", "can.log.gz", "reference.csv"];
+        names.iter().filter_map(|name| std::fs::read(format!("{dir}/{name}")).ok()).collect()
+    };
+    let before = whole(run);
+    for input in [run, &log] {
+        refused(&["stats", input, "--json", &log], &["can.log.gz", "one of the inputs"]);
+    }
+    refused(&["stats", &log, "--config", config, "--json", config], &["arm.toml", "one of the inputs"]);
+    let run_file = format!("{run}/run.toml");
+    for (option, out) in [("--csv", &run_file), ("--json", &log), ("--report", &model_there)] {
+        refused(&["validate", run, "--model", &model_there, option, out], &[out, "one of the inputs"]);
+    }
+    for (option, out) in [("--json", &run_file), ("--report", &log), ("--apply", &model_there)] {
+        refused(&["diagnose", run, "--model", &model_there, option, out], &[out, "one of the inputs"]);
+    }
+    refused(&["plan", "--config", config, "--json", config], &["arm.toml", "one of the inputs"]);
+    refused(&["plan", "--config", config, run, "--json", &run_file], &["run.toml", "one of the inputs"]);
+    refused(&["status", "--config", config, "--json", config], &["arm.toml", "one of the inputs"]);
+    if Path::new(&reference).exists() {
+        refused(
+            &["calibrate", run, "--out", &model, "--json", &reference],
+            &["reference.csv", "one of the inputs"],
+        );
+    }
+    assert_eq!((whole(run), std::fs::read(&model_there).unwrap()), (before, b"a model".to_vec()));
     refused(&["calibrate", run, "--out", "-", "--json", "-"], &["2 results", "standard output"]);
     refused(&["validate", run, "--model", &model, "--csv", "-", "--json", "-"], &["2 results"]);
     assert!(!Path::new(&model).exists());

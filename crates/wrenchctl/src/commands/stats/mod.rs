@@ -15,7 +15,7 @@ use rig::binding::{BitRates, classical_bits, fd_bits};
 
 use crate::commands::check::RateArgs;
 use crate::decoded::Decoder;
-use crate::input::Input;
+use crate::input::{Input, log_of};
 use crate::{Error, Outcome, output};
 use flow::Flow;
 
@@ -49,6 +49,9 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Outcome, Error> {
     let decoder = args.config.as_deref().map(Decoder::load).transpose()?;
     let mut input = Input::open(&args.input)?;
+    let log = log_of(&args.input)?;
+    let config = decoder.iter().flat_map(|decoder| decoder.config.files());
+    output::refuse_to_overwrite([args.json.as_ref()], &log.into_iter().chain(config).collect::<Vec<_>>())?;
     let mut stats = Stats::new(args.rates.rates());
     input.follow(args.seconds, |_, batch| {
         for event in batch {
