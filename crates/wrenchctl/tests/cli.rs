@@ -188,9 +188,17 @@ fn what_would_count_twice_overwrite_or_mix_is_refused() {
     };
     let before = whole(run);
     for input in [run, &log] {
+        refused(
+            &["mcap", input, "--config", config, "--model", &model, "--out", &log],
+            &["can.log.gz", "one of"],
+        );
         refused(&["stats", input, "--json", &log], &["can.log.gz", "one of the inputs"]);
     }
     refused(&["stats", &log, "--config", config, "--json", config], &["arm.toml", "one of the inputs"]);
+    let mcap = ["mcap", run, "--config", config, "--model", &model_there, "--out"];
+    for out in [config, &model_there] {
+        refused(&[&mcap[..], &[out]].concat(), &[out, "one of the inputs"]);
+    }
     let run_file = format!("{run}/run.toml");
     for (option, out) in [("--csv", &run_file), ("--json", &log), ("--report", &model_there)] {
         refused(&["validate", run, "--model", &model_there, option, out], &[out, "one of the inputs"]);
@@ -201,13 +209,20 @@ fn what_would_count_twice_overwrite_or_mix_is_refused() {
     refused(&["plan", "--config", config, "--json", config], &["arm.toml", "one of the inputs"]);
     refused(&["plan", "--config", config, run, "--json", &run_file], &["run.toml", "one of the inputs"]);
     refused(&["status", "--config", config, "--json", config], &["arm.toml", "one of the inputs"]);
-    if Path::new(&reference).exists() {
-        refused(
-            &["calibrate", run, "--out", &model, "--json", &reference],
-            &["reference.csv", "one of the inputs"],
-        );
-    }
     assert_eq!((whole(run), std::fs::read(&model_there).unwrap()), (before, b"a model".to_vec()));
+    std::fs::write(&reference, "t,fx,fy,fz,tx,ty,tz\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n").unwrap();
+    let described = std::fs::read_to_string(&run_file).unwrap();
+    std::fs::write(&run_file, format!("reference = \"reference.csv\"\n{described}")).unwrap();
+    refused(
+        &["calibrate", run, "--out", &model, "--json", &reference],
+        &["reference.csv", "one of the inputs"],
+    );
+    let (comparison, table) = (folder.path("comparison"), folder.path("comparison/table.csv"));
+    std::fs::create_dir(&comparison).unwrap();
+    folder
+        .write("comparison/comparison.toml", "format = 1\npurpose = \"comparison\"\ntable = \"table.csv\"\n");
+    folder.write("comparison/table.csv", "a,b\n");
+    refused(&["diagnose", &comparison, "--json", &table], &["table.csv", "one of the inputs"]);
     refused(&["calibrate", run, "--out", "-", "--json", "-"], &["2 results", "standard output"]);
     refused(&["validate", run, "--model", &model, "--csv", "-", "--json", "-"], &["2 results"]);
     assert!(!Path::new(&model).exists());
