@@ -122,6 +122,19 @@ fn stats_are_those_of_the_frames() {
 }
 
 #[test]
+fn dump_tells_the_figures_of_what_it_printed() {
+    let said = |args: &[&str]| text(&wrenchctl(args).stdout);
+    let with_config = ["dump", LOG, "--config", ARM];
+    let expected = format!("{}\n{}", said(&with_config), said(&["stats", LOG, "--config", ARM]));
+    assert_eq!(said(&[&with_config[..], &["--stats"]].concat()), expected);
+    let one = said(&[&with_config[..], &["--stats", "--message", "Strain12", "--count", "3"]].concat());
+    assert_eq!(one.lines().filter(|line| line.starts_with('(')).count(), 3);
+    let (_, figures) = one.split_once("\n\n").unwrap();
+    assert!(figures.contains(": 0.001 s, 3 frames") && figures.contains("Strain12"), "{figures}");
+    assert!(!figures.contains("201"), "only what was printed: {figures}");
+}
+
+#[test]
 fn a_reader_that_has_seen_enough_is_no_error() {
     let folder = Folder::new();
     let line = "(1790000000.000000) can0 201#3E9507008979E2FF\n";

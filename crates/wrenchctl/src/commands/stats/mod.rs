@@ -5,6 +5,7 @@ mod intervals;
 mod report;
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -75,7 +76,7 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
 }
 
 /// Everything that was met so far.
-struct Stats {
+pub(super) struct Stats {
     rates: BitRates,
     buses: BTreeMap<u8, Bus>,
     flows: BTreeMap<(u8, CanId), Flow>,
@@ -108,7 +109,8 @@ struct Bus {
 }
 
 impl Stats {
-    fn new(rates: BitRates) -> Self {
+    /// Nothing yet; the bit rates are for the load.
+    pub(super) fn new(rates: BitRates) -> Self {
         Self {
             rates,
             buses: BTreeMap::new(),
@@ -122,7 +124,18 @@ impl Stats {
         }
     }
 
-    fn event(&mut self, event: &Event, decoder: Option<&Decoder>) {
+    /// The figures so far as `stats` prints them, of the input with this name.
+    pub(super) fn table(
+        &self,
+        name: &str,
+        input: &Input,
+        decoder: Option<&Decoder>,
+    ) -> impl fmt::Display + use<> {
+        report::Report::new(name, self, input, decoder)
+    }
+
+    /// Takes in what comes next.
+    pub(super) fn event(&mut self, event: &Event, decoder: Option<&Decoder>) {
         match event {
             Event::Frame(stamped) => self.frame(stamped, decoder),
             Event::BusError { stamped, error } => {
