@@ -19,6 +19,9 @@ with open(sys.argv[1], "rb") as file:
         if channel.topic == "/wrench":
             force, torque = decoded.wrench.force, decoded.wrench.torque
             words += [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+        elif channel.topic.endswith("/fd"):
+            assert decoded.len == len(decoded.data)
+            words += [f"{decoded.id:03X}##{bytes(decoded.data).hex().upper()}", decoded.is_extended, decoded.is_error]
         elif channel.topic.startswith("/can/"):
             data = bytes(decoded.data)[: decoded.dlc].hex().upper()
             words += [f"{decoded.id:03X}#{data}", decoded.is_extended, decoded.is_rtr, decoded.is_error]

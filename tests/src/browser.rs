@@ -11,6 +11,8 @@ use std::time::Duration;
 
 const LOOK_LIMIT: Duration = Duration::from_secs(120);
 const PROBE: &str = include_str!("../browser/probe.js");
+/// What looks at a live page from within: whoever serves the page puts it at the end.
+pub const LIVE_PROBE: &str = include_str!("../browser/live.js");
 /// Other names of the same browser, where it is already there.
 const KNOWN: [&str; 4] = ["chromium-headless-shell", "chromium", "chromium-browser", "google-chrome"];
 const CHROMIUM: Tool =
@@ -27,21 +29,45 @@ pub struct View {
 
 /// What is seen of a page, as the JSON that `browser/probe.js` makes of it. `name` tells this look from others at the same time.
 pub fn look(page: &Path, name: &str, view: View) -> Check<String> {
-    let browser = match KNOWN.into_iter().find_map(packages::find) {
-        Some(browser) => browser,
-        None => packages::require(&[&CHROMIUM])?.remove(0),
-    };
+    in_folder(name, |dir| {
+        let html = fs::read_to_string(page).at("read", page)?;
+        let copy = dir.join("page.html");
+        fs::write(&copy, with_probe(&html)?).at("write", &copy)?;
+        let mut command = browser(dir, view)?;
+        seen(&dump(command.args(["--virtual-time-budget=2000", &format!("file://{}", copy.display())]))?)
+    })
+}
+
+/// What is seen of a page that is served with [`LIVE_PROBE`] at its end, as the JSON that this makes of it. What it looked like
+/// stays in the build directory as `browser/NAME.html` and `browser/NAME.png`.
+pub fn watch(url: &str, name: &str) -> Check<String> {
+    in_folder(name, |dir| {
+        let view = View { width: 1100, dark: false };
+        let page = dump(browser(dir, view)?.args(["--virtual-time-budget=3000", url]))?;
+        let still = dir.with_file_name(format!("{name}.html"));
+        fs::write(&still, &page).at("write", &still)?;
+        // The browser does not come to an end where it is to take a picture of a page that goes on asking for news.
+        let mut command = browser(dir, view)?;
+        command.arg(format!("--screenshot={}", still.with_extension("png").display()));
+        process::run(command.arg(format!("file://{}", still.display())), LOOK_LIMIT)?;
+        seen(&page)
+    })
+}
+
+fn in_folder(name: &str, look: impl FnOnce(&Path) -> Check<String>) -> Check<String> {
     let dir = target_dir()?.join("browser").join(format!("{}-{name}", std::process::id()));
     fs::create_dir_all(&dir).at("create", &dir)?;
-    let seen = probe(&browser, page, &dir, view);
+    let seen = look(&dir);
     let _ = fs::remove_dir_all(&dir);
     seen
 }
 
-fn probe(browser: &Path, page: &Path, dir: &Path, view: View) -> Check<String> {
-    let html = fs::read_to_string(page).at("read", page)?;
-    let copy = dir.join("page.html");
-    fs::write(&copy, with_probe(&html)?).at("write", &copy)?;
+/// The browser with nothing to open yet, its files in this directory.
+fn browser(dir: &Path, view: View) -> Check<Command> {
+    let browser = match KNOWN.into_iter().find_map(packages::find) {
+        Some(browser) => browser,
+        None => packages::require(&[&CHROMIUM])?.remove(0),
+    };
     let mut command = Command::new(browser);
     command.args([
         "--headless",
@@ -58,12 +84,20 @@ fn probe(browser: &Path, page: &Path, dir: &Path, view: View) -> Check<String> {
     command.arg(format!("--blink-settings=preferredColorScheme={scheme}"));
     command.arg(format!("--window-size={},1200", view.width));
     command.arg(format!("--user-data-dir={}", dir.join("profile").display()));
-    command.args(["--virtual-time-budget=2000", "--dump-dom"]);
-    let said = process::run(command.arg(format!("file://{}", copy.display())), LOOK_LIMIT)?.stdout();
-    let seen = said.split_once("<pre id=\"seen\">").and_then(|(_, rest)| rest.split_once("</pre>"));
-    seen.map(|(json, _)| json.to_owned()).ok_or_else(|| {
-        Failure::new(format!("{} shows nothing of {}; it said:\n{said}", browser.display(), page.display()))
-    })
+    Ok(command)
+}
+
+/// The page as it is in the end.
+fn dump(command: &mut Command) -> Check<String> {
+    Ok(process::run(command.arg("--dump-dom"), LOOK_LIMIT)?.stdout())
+}
+
+/// What a probe left in the page.
+fn seen(page: &str) -> Check<String> {
+    let behind = page.split_once("<pre id=\"seen\"").and_then(|(_, rest)| rest.split_once('>'));
+    let seen = behind.and_then(|(_, rest)| rest.split_once("</pre>"));
+    seen.map(|(json, _)| json.to_owned())
+        .ok_or_else(|| Failure::new(format!("the browser shows nothing of the page, only:\n{page}")))
 }
 
 /// The page with the probe in it; its own policy would not let any script run.

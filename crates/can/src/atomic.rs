@@ -40,14 +40,8 @@ impl AtomicFile {
                 return Ok(Self { file, path: path.to_owned(), pending: None });
             }
         }
-        let name =
-            target.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "no file name"))?;
-        let mut temporary = std::ffi::OsString::from(".");
-        temporary.push(name);
-        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-        temporary.push(format!(".{}-{number}.tmp", std::process::id()));
-        let temporary = target.with_file_name(temporary);
-        let file = OpenOptions::new().write(true).create_new(true).open(&temporary)?;
+        let (file, temporary) =
+            beside(&target, |path| OpenOptions::new().write(true).create_new(true).open(path))?;
         let this = Self { file, path: path.to_owned(), pending: Some((target, temporary)) };
         if let Some(existing) = existing {
             this.file.set_permissions(existing.permissions())?;
@@ -79,6 +73,31 @@ impl AtomicFile {
         }
         Ok(())
     }
+}
+
+/// Makes something beside the target, under a name of its own
+///
+/// A killed process leaves its temporary behind, and one of the same number may come after it (in a container the daemon is always 1):
+/// what is there already is not ours to take away, it may be somebody's recording.
+fn beside<T>(target: &Path, make: impl Fn(&Path) -> io::Result<T>) -> io::Result<(T, PathBuf)> {
+    let name =
+        target.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "no file name"))?;
+    loop {
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let mut temporary = std::ffi::OsString::from(".");
+        temporary.push(name);
+        temporary.push(format!(".{}-{number}.tmp", std::process::id()));
+        let temporary = target.with_file_name(temporary);
+        match make(&temporary) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            made => return made.map(|made| (made, temporary)),
+        }
+    }
+}
+
+/// Makes a hidden folder beside `target`, to be renamed to it when all its files are whole
+pub fn folder_beside(target: &Path) -> io::Result<PathBuf> {
+    beside(target, |path| std::fs::create_dir(path)).map(|((), path)| path)
 }
 
 impl Write for AtomicFile {
@@ -138,6 +157,24 @@ mod tests {
         write(&path, b"new").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
         assert_eq!(names(folder.path()), ["a.txt"]);
+    }
+
+    #[test]
+    fn what_a_killed_process_left_is_passed_by() {
+        let folder = tempfile::tempdir().unwrap();
+        // Other tests count on beside this one.
+        let number = NUMBER.load(Ordering::Relaxed);
+        let left = |number: u32| format!(".a.txt.{}-{number}.tmp", std::process::id());
+        let mut expected: Vec<String> = (number..number + 100).map(left).collect();
+        for name in &expected {
+            std::fs::write(folder.path().join(name), b"another's").unwrap();
+        }
+        write(&folder.path().join("a.txt"), b"ours").unwrap();
+        std::fs::remove_dir(folder_beside(&folder.path().join("a.txt")).unwrap()).unwrap();
+        assert_eq!(std::fs::read(folder.path().join("a.txt")).unwrap(), b"ours");
+        expected.push("a.txt".into());
+        expected.sort();
+        assert_eq!(names(folder.path()), expected);
     }
 
     #[test]

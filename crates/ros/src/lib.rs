@@ -6,4 +6,4 @@
 mod cdr;
 mod messages;
 
-pub use messages::{CanFrame, Diagnostic, DiagnosticArray, Level, Message, Stamp, WrenchStamped};
+pub use messages::{CanFrame, Diagnostic, DiagnosticArray, FdFrame, Level, Message, Stamp, WrenchStamped};

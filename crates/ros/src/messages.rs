@@ -185,6 +185,47 @@ impl Message for CanFrame {
     }
 }
 
+/// `ros2_socketcan_msgs/msg/FdFrame`: a CAN FD frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FdFrame {
+    /// The kernel's stamp.
+    pub stamp: Stamp,
+    /// Name of the interface.
+    pub frame_id: String,
+    /// Identifier.
+    pub id: u32,
+    /// Its identifier has 29 bits.
+    pub is_extended: bool,
+    /// Tells of an error on the bus.
+    pub is_error: bool,
+    /// The bytes, 64 at most.
+    pub data: Vec<u8>,
+}
+
+impl Message for FdFrame {
+    const NAME: &'static str = "ros2_socketcan_msgs/msg/FdFrame";
+    const TYPE_HASH: &'static str = "TypeHashNotSupported";
+    const DEFINITION: &'static str = concat!(
+        "std_msgs/Header header\nuint32 id\nbool is_extended\nbool is_error\nuint8 len\nuint8[<=64] data\n",
+        "================================================================================\n",
+        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
+        "================================================================================\n",
+        "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
+    );
+
+    fn cdr(&self) -> Vec<u8> {
+        let mut cdr = Cdr::new();
+        self.stamp.write(&mut cdr);
+        cdr.string(&self.frame_id).u32(self.id);
+        let data = &self.data[..self.data.len().min(64)];
+        cdr.bool(self.is_extended).bool(self.is_error).u8(data.len() as u8).u32(data.len() as u32);
+        data.iter().for_each(|byte| {
+            cdr.u8(*byte);
+        });
+        cdr.done()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -239,5 +280,18 @@ mod tests {
         let bytes = frame.cdr();
         assert_eq!(bytes[24..28], [1, 1, 0, 0]);
         assert_eq!(bytes[28..], [0, 1, 0, 2, 7, 8, 0, 0, 0, 0, 0, 0]);
+        let fd = FdFrame {
+            stamp: Stamp(0),
+            frame_id: "can0".into(),
+            id: 0x101,
+            is_extended: false,
+            is_error: false,
+            data: (1..=12).collect(),
+        };
+        let bytes = fd.cdr();
+        assert_eq!(bytes[24..28], [1, 1, 0, 0]);
+        // Length, padding, and the length of the sequence.
+        assert_eq!(bytes[28..36], [0, 0, 12, 0, 12, 0, 0, 0]);
+        assert_eq!(bytes[36..], [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]);
     }
 }

@@ -12,6 +12,7 @@ mod daemon;
 mod graph;
 mod passing;
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -37,7 +38,8 @@ fn main() -> ExitCode {
     match passing::run(&arguments.config, arguments.humble) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("wrenchd-ros2: error: {error}");
+            // The exit status tells it even where standard error takes nothing.
+            let _ = writeln!(std::io::stderr(), "wrenchd-ros2: error: {error}");
             ExitCode::from(2)
         }
     }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::io::{self, BufWriter, IsTerminal, StdoutLock, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::Error;
 
@@ -31,19 +31,24 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     Ok(can::atomic::write(path, bytes)?)
 }
 
-/// Fails where a file to be written is one of those that are read.
-pub fn refuse_to_overwrite<'a>(out: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> Result<(), Error> {
-    let Ok(real) = std::fs::canonicalize(out) else { return Ok(()) };
-    match inputs.into_iter().any(|input| std::fs::canonicalize(input).is_ok_and(|input| input == real)) {
-        true => {
-            Err(Error::usage(format!("{} is one of the inputs; give another file to write", out.display())))
+/// Fails where a file to be written is one of those that are read. A device or pipe may be both.
+pub fn refuse_to_overwrite<'a>(
+    outputs: impl IntoIterator<Item = Option<&'a PathBuf>>,
+    inputs: &[PathBuf],
+) -> Result<(), Error> {
+    let file = |path: &Path| std::fs::canonicalize(path).ok().filter(|path| path.is_file());
+    let read: Vec<PathBuf> = inputs.iter().filter_map(|input| file(input)).collect();
+    for out in outputs.into_iter().flatten().filter(|out| out.as_path() != Path::new("-")) {
+        if file(out).is_some_and(|out| read.contains(&out)) {
+            let text = format!("{} is one of the inputs; give another file to write", out.display());
+            return Err(Error::usage(text));
         }
-        false => Ok(()),
     }
+    Ok(())
 }
 
 /// Fails where two results are to go to standard output, each of which would spoil the other.
-pub fn one_at_most_to_stdout<const N: usize>(paths: [Option<&std::path::PathBuf>; N]) -> Result<(), Error> {
+pub fn one_at_most_to_stdout<const N: usize>(paths: [Option<&PathBuf>; N]) -> Result<(), Error> {
     match paths.into_iter().flatten().filter(|path| path.as_path() == Path::new("-")).count() {
         0 | 1 => Ok(()),
         n => Err(Error::usage(format!(

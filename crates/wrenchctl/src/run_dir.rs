@@ -29,14 +29,12 @@ impl NewRun {
                 target.display()
             )));
         }
-        let name = target.file_name().ok_or_else(|| {
-            Error::usage(format!("\"{}\" is no name of a folder; give one for the run", target.display()))
-        })?;
-        let mut hidden = std::ffi::OsString::from(".");
-        hidden.push(name);
-        hidden.push(format!(".{}.tmp", std::process::id()));
-        let temporary = target.with_file_name(hidden);
-        fs::create_dir(&temporary).map_err(|source| Error::Folder { path: target.to_owned(), source })?;
+        if target.file_name().is_none() {
+            let text = format!("\"{}\" is no name of a folder; give one for the run", target.display());
+            return Err(Error::usage(text));
+        }
+        let temporary = can::atomic::folder_beside(target)
+            .map_err(|source| Error::Folder { path: target.to_owned(), source })?;
         Ok(Self { temporary, target: target.to_owned(), finished: false })
     }
 

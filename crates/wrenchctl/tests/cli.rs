@@ -122,6 +122,19 @@ fn stats_are_those_of_the_frames() {
 }
 
 #[test]
+fn dump_tells_the_figures_of_what_it_printed() {
+    let said = |args: &[&str]| text(&wrenchctl(args).stdout);
+    let with_config = ["dump", LOG, "--config", ARM];
+    let expected = format!("{}\n{}", said(&with_config), said(&["stats", LOG, "--config", ARM]));
+    assert_eq!(said(&[&with_config[..], &["--stats"]].concat()), expected);
+    let one = said(&[&with_config[..], &["--stats", "--message", "Strain12", "--count", "3"]].concat());
+    assert_eq!(one.lines().filter(|line| line.starts_with('(')).count(), 3);
+    let (_, figures) = one.split_once("\n\n").unwrap();
+    assert!(figures.contains(": 0.001 s, 3 frames") && figures.contains("Strain12"), "{figures}");
+    assert!(!figures.contains("201"), "only what was printed: {figures}");
+}
+
+#[test]
 fn a_reader_that_has_seen_enough_is_no_error() {
     let folder = Folder::new();
     let line = "(1790000000.000000) can0 201#3E9507008979E2FF\n";
@@ -180,6 +193,49 @@ fn what_would_count_twice_overwrite_or_mix_is_refused() {
     let before = std::fs::read(&config).unwrap();
     refused(&["calibrate", run, "--out", &config], &["arm.toml", "one of the inputs"]);
     assert_eq!(std::fs::read(&config).unwrap(), before);
+    let (config, model_there) = (config.as_str(), folder.write("known.toml", "a model"));
+    let (log, reference) = (format!("{run}/can.log.gz"), format!("{run}/reference.csv"));
+    let whole = |dir: &str| -> Vec<Vec<u8>> {
+        let names = ["arm.toml", "arm.urdf", "arm.dbc", "run.toml", "can.log.gz", "reference.csv"];
+        names.iter().filter_map(|name| std::fs::read(format!("{dir}/{name}")).ok()).collect()
+    };
+    let before = whole(run);
+    for input in [run, &log] {
+        refused(
+            &["mcap", input, "--config", config, "--model", &model, "--out", &log],
+            &["can.log.gz", "one of"],
+        );
+        refused(&["stats", input, "--json", &log], &["can.log.gz", "one of the inputs"]);
+    }
+    refused(&["stats", &log, "--config", config, "--json", config], &["arm.toml", "one of the inputs"]);
+    let mcap = ["mcap", run, "--config", config, "--model", &model_there, "--out"];
+    for out in [config, &model_there] {
+        refused(&[&mcap[..], &[out]].concat(), &[out, "one of the inputs"]);
+    }
+    let run_file = format!("{run}/run.toml");
+    for (option, out) in [("--csv", &run_file), ("--json", &log), ("--report", &model_there)] {
+        refused(&["validate", run, "--model", &model_there, option, out], &[out, "one of the inputs"]);
+    }
+    for (option, out) in [("--json", &run_file), ("--report", &log), ("--apply", &model_there)] {
+        refused(&["diagnose", run, "--model", &model_there, option, out], &[out, "one of the inputs"]);
+    }
+    refused(&["plan", "--config", config, "--json", config], &["arm.toml", "one of the inputs"]);
+    refused(&["plan", "--config", config, run, "--json", &run_file], &["run.toml", "one of the inputs"]);
+    refused(&["status", "--config", config, "--json", config], &["arm.toml", "one of the inputs"]);
+    assert_eq!((whole(run), std::fs::read(&model_there).unwrap()), (before, b"a model".to_vec()));
+    std::fs::write(&reference, "t,fx,fy,fz,tx,ty,tz\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n").unwrap();
+    let described = std::fs::read_to_string(&run_file).unwrap();
+    std::fs::write(&run_file, format!("reference = \"reference.csv\"\n{described}")).unwrap();
+    refused(
+        &["calibrate", run, "--out", &model, "--json", &reference],
+        &["reference.csv", "one of the inputs"],
+    );
+    let (comparison, table) = (folder.path("comparison"), folder.path("comparison/table.csv"));
+    std::fs::create_dir(&comparison).unwrap();
+    folder
+        .write("comparison/comparison.toml", "format = 1\npurpose = \"comparison\"\ntable = \"table.csv\"\n");
+    folder.write("comparison/table.csv", "a,b\n");
+    refused(&["diagnose", &comparison, "--json", &table], &["table.csv", "one of the inputs"]);
     refused(&["calibrate", run, "--out", "-", "--json", "-"], &["2 results", "standard output"]);
     refused(&["validate", run, "--model", &model, "--csv", "-", "--json", "-"], &["2 results"]);
     assert!(!Path::new(&model).exists());

@@ -93,3 +93,49 @@ fn the_mcap_package_reads_wrench_and_frames() {
         "{said:?}"
     );
 }
+
+/// The example arm over CAN FD, simulated.
+#[test]
+fn the_mcap_package_reads_can_fd_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/arm_fd.toml");
+    let config = config.to_str().unwrap();
+    let (known, run, model, out) = (path("known"), path("run"), path("model.toml"), path("run.mcap"));
+    wrenchctl(&["simulate", "--config", config, "--motion", "calibration", "--rate", "10", "--out", &known]);
+    wrenchctl(&["simulate", "--config", config, "--motion", "holds", "--rate", "10", "--out", &run]);
+    wrenchctl(&["calibrate", &known, "--axes", "nominal", "--out", &model]);
+    let mcap = ["mcap", &run, "--config", config, "--model", &model, "--out"];
+    let said = String::from_utf8(wrenchctl(&[&mcap[..], &[&out]].concat()).stdout).unwrap();
+    assert!(said.contains("of them CAN FD") && !said.contains("left out"), "{said}");
+    let dumped = String::from_utf8(wrenchctl(&["dump", &run]).stdout).unwrap();
+    let logged: Vec<&str> = dumped.lines().filter(|line| line.contains("##")).collect();
+    let mut reader = python::script("read_mcap.py").unwrap();
+    let said = process::run(reader.arg(&out), Duration::from_secs(120)).unwrap().stdout();
+    assert!(said.contains(" ros2_socketcan_msgs/msg/FdFrame ros2msg cdr "), "{}", &said[..600]);
+    let frames: Vec<Vec<&str>> = said
+        .lines()
+        .filter(|line| line.starts_with("message /can/") && line.contains("##"))
+        .map(|line| line.split(' ').collect())
+        .collect();
+    assert!(frames.len() > 100 && frames.len() == logged.len(), "{} of {}", frames.len(), logged.len());
+    for (frame, line) in frames.iter().zip(logged) {
+        let (stamp, rest) = line[1..].split_once(") ").unwrap();
+        let (interface, rest) = rest.split_once(' ').unwrap();
+        // The nibble behind ## has the frame's flags, for which the message has no place.
+        let (id, data) = rest.trim_end().split_once("##").unwrap();
+        assert_eq!((frame[1], frame[4]), (format!("/can/{interface}/fd").as_str(), interface), "{line}");
+        assert_eq!(frame[5], format!("{id}##{}", &data[1..]), "{line}");
+        assert!(frame[3].starts_with(&stamp.replace('.', "")), "{frame:?} {line}");
+        assert_eq!(frame[6..], ["False", "False"]);
+    }
+    // To a pipe, which cannot seek, the same bytes.
+    let piped = wrenchctl(&[&mcap[..], &["-"]].concat());
+    assert!(piped.stdout == std::fs::read(&out).unwrap(), "{} bytes", piped.stdout.len());
+    assert!(String::from_utf8_lossy(&piped.stderr).contains("of them CAN FD"));
+    // The system's own reason.
+    let full = Command::new(env!("CARGO_BIN_EXE_wrenchctl")).args(mcap).arg("/dev/full").output().unwrap();
+    let why = String::from_utf8_lossy(&full.stderr);
+    assert_eq!(full.status.code(), Some(2), "{why}");
+    assert!(why.contains("/dev/full") && why.contains("No space left"), "{why}");
+}

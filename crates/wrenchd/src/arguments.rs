@@ -18,6 +18,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
     /// Record every received frame with its kernel stamp (candump -L; .gz and .zst compress)
+    ///
+    /// The log appears when the daemon stops. A file that is there already is kept: for can.log.gz the recording is then can.1.log.gz, can.2.log.gz and so on.
     #[arg(long, value_name = "LOG")]
     pub record: Option<PathBuf>,
 }

@@ -7,12 +7,15 @@ fn main() -> std::process::ExitCode {
 
 #[cfg(not(target_os = "linux"))]
 fn main() -> std::process::ExitCode {
-    eprintln!("wrenchd: error: SocketCAN exists on Linux only; `wrenchctl demo` runs here");
+    use std::io::Write;
+    let said = "SocketCAN exists on Linux only; `wrenchctl demo` runs here";
+    let _ = writeln!(std::io::stderr(), "wrenchd: error: {said}");
     std::process::ExitCode::from(2)
 }
 
 #[cfg(target_os = "linux")]
 mod program {
+    use std::io::Write;
     use std::process::ExitCode;
 
     use clap::Parser;
@@ -24,7 +27,8 @@ mod program {
         log::start();
         service::run(&Options { config, model, record }).unwrap_or_else(|error| {
             let priority = if log::to_journal() { "<3>" } else { "" };
-            eprintln!("{priority}wrenchd: error: {error}");
+            // The exit status tells it even where standard error takes nothing.
+            let _ = writeln!(std::io::stderr(), "{priority}wrenchd: error: {error}");
             ExitCode::from(2)
         })
     }

@@ -35,8 +35,10 @@ pub struct Recorder {
 
 impl Recorder {
     /// Begins a log of what comes out of `copies`; stamps have nine digits, so that they survive exactly. `remark` stands
-    /// at its head. The log appears under its name when [`Recorder::finish`] is called.
+    /// at its head. The log appears when [`Recorder::finish`] is called: under its name, or where a recording has that already, under
+    /// the name with the next number.
     pub fn start(path: &Path, interfaces: &[String], copies: TapReader, remark: &str) -> can::Result<Self> {
+        let path = &unused(path);
         let mut writer = LogWriter::create(path, interfaces, StampDigits::Nanos)?;
         writer.remark(remark)?;
         let stop = Arc::new(AtomicBool::new(false));
@@ -66,6 +68,29 @@ impl Recorder {
             Err(can::Error::Write { path: self.path, source })
         })
     }
+}
+
+/// The name, or with the first number that no file has: `can.1.log.gz` for `can.log.gz`. A restarted daemon has the same command line,
+/// and what was recorded before is the very thing somebody wants to look at. Devices and pipes are written as they are.
+fn unused(path: &Path) -> PathBuf {
+    let mut numbered = path.to_owned();
+    let mut number = 0_u32;
+    while numbered.is_file() {
+        number += 1;
+        numbered = with_number(path, number);
+    }
+    numbered
+}
+
+/// With a number before the ending, and before the ending in front of one that says how it is compressed.
+fn with_number(path: &Path, number: u32) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let dot = |name: &str| name.rfind('.').filter(|at| *at > 0).unwrap_or(name.len());
+    let mut at = dot(&name);
+    if matches!(name[at..].to_ascii_lowercase().as_str(), ".gz" | ".zst") {
+        at = dot(&name[..at]);
+    }
+    path.with_file_name(format!("{}.{number}{}", &name[..at], &name[at..]))
 }
 
 fn record(mut writer: LogWriter, mut copies: TapReader, stop: &AtomicBool) -> can::Result<Recorded> {
@@ -125,6 +150,26 @@ mod tests {
         let text = std::fs::read_to_string(&path).unwrap();
         let expected = "# test\n(1700000000.123456789) can0 123#0102\n(1700000000.123456790) can0 123#0102\n";
         assert_eq!(text, expected);
+    }
+
+    /// As after a restart with the same command line.
+    #[test]
+    fn what_was_recorded_before_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("can.log");
+        let record = || {
+            let (_sender, source) = channel(1);
+            let recorder = Recorder::start(&path, &["can0".into()], tap(source, 1).1, "test").unwrap();
+            let at = recorder.path().to_owned();
+            recorder.finish().unwrap();
+            at.strip_prefix(folder.path()).unwrap().to_str().unwrap().to_owned()
+        };
+        assert_eq!([record(), record(), record()], ["can.log", "can.1.log", "can.2.log"]);
+        for (name, numbered) in
+            [("can", "can.3"), ("a.log.gz", "a.3.log.gz"), ("a.b.ZST", "a.3.b.ZST"), (".gz", ".gz.3")]
+        {
+            assert_eq!(with_number(Path::new(name), 3), Path::new(numbered));
+        }
     }
 
     #[test]

@@ -6,7 +6,7 @@ mod robot;
 mod rows;
 mod table;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rig::document::Step::{Index, Key};
 use rig::document::{self, Problem};
@@ -28,14 +28,30 @@ pub fn is_comparison(dir: &Path) -> bool {
     dir.join("comparison.toml").is_file()
 }
 
+/// The files of a comparison: its description, and what that names.
+///
+/// # Errors
+/// A description that cannot be read, with its line and what to do.
+pub fn files(dir: &Path) -> Result<Vec<PathBuf>, Error> {
+    let (file, _, description) = describe(dir)?;
+    let urdf = description.robot.map(|robot| dir.join(robot.urdf));
+    Ok([file, dir.join(description.table)].into_iter().chain(urdf).collect())
+}
+
+/// The description's path, text and content.
+fn describe(dir: &Path) -> Result<(PathBuf, String, Description), Error> {
+    let file = dir.join("comparison.toml");
+    let text = read_text(&file, "a comparison's description (TOML)")?;
+    let description = document::parse(&file, &text)?;
+    Ok((file, text, description))
+}
+
 /// Reads `comparison.toml` of a directory with its table.
 ///
 /// # Errors
 /// What cannot be used, with its line and what to do.
 pub fn load(dir: &Path) -> Result<Session, Error> {
-    let file = dir.join("comparison.toml");
-    let text = read_text(&file, "a comparison's description (TOML)")?;
-    let description: Description = document::parse(&file, &text)?;
+    let (file, text, description) = describe(dir)?;
     let located = |problem| Error::Rig(document::locate(&file, &text, problem));
     check(&description).map_err(located)?;
     let table = Table::load(&dir.join(&description.table))?;

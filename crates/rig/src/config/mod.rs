@@ -179,6 +179,12 @@ impl Config {
         Ok(config)
     }
 
+    /// The files that describe the robot: this one, the URDF, the DBC. The model is not one of them: `calibrate` may write it.
+    #[must_use]
+    pub fn files(&self) -> Vec<PathBuf> {
+        vec![self.file.clone(), self.robot.urdf.clone(), self.bus.dbc.clone()]
+    }
+
     /// The file's text, as it was read.
     #[must_use]
     pub fn text(&self) -> &str {

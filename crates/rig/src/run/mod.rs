@@ -41,6 +41,7 @@ pub struct Run {
     pub excludes: Vec<Exclude>,
     /// Wrench that acted on the tip beside the loads, where it was measured or known.
     pub reference: Option<Reference>,
+    reference_file: Option<PathBuf>,
     text: String,
 }
 
@@ -106,10 +107,9 @@ impl Run {
         };
         let log = there("log", &parsed.log, "the candump log's path")?;
         let config = Config::load(&there("config", &parsed.config, "the path of a configuration (TOML)")?)?;
-        let reference = parsed.reference.map(|path| {
-            Reference::load(&there("reference", &path, "the path of the reference's table (CSV)")?)
-        });
-        let reference = reference.transpose()?;
+        let table = |path: PathBuf| there("reference", &path, "the path of the reference's table (CSV)");
+        let reference_file = parsed.reference.map(table).transpose()?;
+        let reference = reference_file.as_deref().map(Reference::load).transpose()?;
         Ok(Self {
             dir: dir.to_owned(),
             config,
@@ -120,8 +120,16 @@ impl Run {
             loads: Loads::new(parsed.load),
             excludes: parsed.exclude,
             reference,
+            reference_file,
             text,
         })
+    }
+
+    /// Every file that it was read from, and its log.
+    #[must_use]
+    pub fn files(&self) -> Vec<PathBuf> {
+        let own = [self.dir.join("run.toml"), self.log.clone()];
+        own.into_iter().chain(self.reference_file.clone()).chain(self.config.files()).collect()
     }
 
     /// Whether an instant (s from the log's first frame) lies in an excluded stretch.

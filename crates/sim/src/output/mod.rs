@@ -99,8 +99,8 @@ struct Unfinished {
 
 impl Unfinished {
     fn begin(parent: &Path, name: &str) -> Result<Self, SimError> {
-        let path = parent.join(format!(".{name}.{}.tmp", std::process::id()));
-        fs::create_dir(&path).map_err(|source| SimError::write(&path, source))?;
+        let target = parent.join(name);
+        let path = can::atomic::folder_beside(&target).map_err(|source| SimError::write(&target, source))?;
         Ok(Self { path })
     }
 

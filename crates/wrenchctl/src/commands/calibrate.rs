@@ -52,6 +52,9 @@ pub enum AxesArg {
 /// Calibrates, writes the model and prints the crosstalk table.
 pub fn run(args: Args) -> Result<Outcome, Error> {
     let runs = load_runs(&args.runs)?;
+    let written = [Some(&args.out), args.json.as_ref(), args.report.as_ref()];
+    output::one_at_most_to_stdout(written)?;
+    output::refuse_to_overwrite(written, &files(&runs))?;
     let rig = Rig::load(runs[0].config.clone())?;
     let recordings = read(&runs, &rig, Keep::Spread(MOST_INSTANTS / runs.len()))?;
     let axes = match args.axes {
@@ -60,11 +63,6 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
         AxesArg::Full => Axes::Full,
     };
     let inputs = inputs(&runs)?;
-    let written = [Some(&args.out), args.json.as_ref(), args.report.as_ref()];
-    for path in written.into_iter().flatten() {
-        output::refuse_to_overwrite(path, inputs.iter().map(|input| Path::new(&input.file)))?;
-    }
-    output::one_at_most_to_stdout(written)?;
     let date = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
     let result = calibration::calibrate(&rig, &recordings, axes, inputs, &date[..10])?;
     let page = args
@@ -88,6 +86,11 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
         out.flush()?;
     }
     Ok(Outcome::Done)
+}
+
+/// Every file of these runs.
+pub fn files(runs: &[Run]) -> Vec<PathBuf> {
+    runs.iter().flat_map(Run::files).collect()
 }
 
 /// The runs in these directories, all of one robot.

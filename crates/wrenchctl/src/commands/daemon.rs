@@ -45,6 +45,8 @@ pub struct PayloadArgs {
 
 /// Shows the daemon's state: 1 if it publishes no valid wrench.
 pub fn status(args: StatusArgs) -> Result<Outcome, Error> {
+    let read_from: Vec<_> = args.target.config.iter().cloned().collect();
+    output::refuse_to_overwrite([args.json.as_ref()], &read_from)?;
     let reply = args.target.ask(&Request::Status {})?;
     let Some(status) = reply.status else { return answered(&reply) };
     let valid = status.live.as_ref().is_some_and(|live| live.wrench.is_some());

@@ -39,6 +39,9 @@ pub struct Args {
 
 /// Diagnoses, and prints the short form.
 pub fn run(args: Args) -> Result<Outcome, Error> {
+    let written = [args.json.as_ref(), args.report.as_ref(), args.apply.as_ref()];
+    output::one_at_most_to_stdout(written)?;
+    output::refuse_to_overwrite(written, &read_from(&args)?)?;
     let session = match args.inputs.iter().find(|dir| gap::comparison::is_comparison(dir)) {
         Some(_) => gap::comparison::load(only_comparison(&args)?)?,
         None => runs(&args)?,
@@ -60,12 +63,24 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     if let Some(path) = &args.apply {
         apply(&args, path, &diagnosis)?;
     }
-    if args.json.as_deref() != Some(Path::new("-")) {
+    if !written.contains(&Some(&PathBuf::from("-"))) {
         let mut out = output::stdout();
         summary(&diagnosis, &mut out)?;
         out.flush()?;
     }
     Ok(Outcome::Done)
+}
+
+/// Every file of the inputs, and the model.
+fn read_from(args: &Args) -> Result<Vec<PathBuf>, Error> {
+    let mut out: Vec<PathBuf> = args.model.iter().cloned().collect();
+    for dir in &args.inputs {
+        match gap::comparison::is_comparison(dir) {
+            true => out.extend(gap::comparison::files(dir)?),
+            false => out.extend(Run::load(dir)?.files()),
+        }
+    }
+    Ok(out)
 }
 
 /// Writes the model with what was found; says what it cannot hold.

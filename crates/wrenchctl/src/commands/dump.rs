@@ -8,6 +8,8 @@ use can::candump::{MAX_LINE, StampDigits, format_line};
 use can::frame::{CanId, Stamped};
 use can::source::Event;
 
+use crate::commands::check::RateArgs;
+use crate::commands::stats::Stats;
 use crate::decoded::Decoder;
 use crate::input::Input;
 use crate::{Error, Outcome, output};
@@ -36,6 +38,12 @@ pub struct Args {
     /// End after this time, s [default: when interrupted; logs are read to their end]
     #[arg(long, value_name = "N", value_parser = super::seconds)]
     pub seconds: Option<Duration>,
+    /// After the frames print their rates, gaps, jitter and load as `wrenchctl stats` does, of those that were printed
+    #[arg(long)]
+    pub stats: bool,
+    /// Bit rates of the buses, for their load
+    #[command(flatten)]
+    pub rates: RateArgs,
 }
 
 /// An identifier as candump writes it.
@@ -51,6 +59,7 @@ fn parse_id(text: &str) -> Result<CanId, String> {
 
 struct Dump {
     decoder: Option<Decoder>,
+    stats: Option<Stats>,
     ids: Vec<CanId>,
     left: u64,
     frames: u64,
@@ -68,7 +77,8 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     }
     let mut input = Input::open(&args.input)?;
     let left = args.count.unwrap_or(u64::MAX);
-    let mut dump = Dump { decoder, ids, left, frames: 0, faults: 0, drops: 0, line: String::new() };
+    let stats = args.stats.then(|| Stats::new(args.rates.rates()));
+    let mut dump = Dump { decoder, stats, ids, left, frames: 0, faults: 0, drops: 0, line: String::new() };
     let mut out = output::stdout();
     input.follow(args.seconds, |input, batch| {
         for event in batch {
@@ -79,6 +89,9 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
         }
         Ok(dump.left > 0)
     })?;
+    if let Some(stats) = &dump.stats {
+        write!(out, "\n{}", stats.table(&args.input, &input, dump.decoder.as_ref()))?;
+    }
     out.flush()?;
     if dump.frames == 0 && dump.faults > 0 {
         return Err(super::no_log(&args.input, dump.faults));
@@ -95,9 +108,17 @@ impl Dump {
             return Ok(());
         }
         self.frames += u64::from(event.stamped().is_some());
+        let printed = match event {
+            Event::Frame(stamped) => self.wanted(stamped),
+            Event::BusError { .. } => self.ids.is_empty(),
+            _ => true,
+        };
+        if let Some(stats) = self.stats.as_mut().filter(|_| printed) {
+            stats.event(event, self.decoder.as_ref());
+        }
         match event {
-            Event::Frame(stamped) if self.wanted(stamped) => self.frame(stamped, None, input, out),
-            Event::BusError { stamped, error } if self.ids.is_empty() => {
+            Event::Frame(stamped) if printed => self.frame(stamped, None, input, out),
+            Event::BusError { stamped, error } if printed => {
                 self.frame(stamped, Some(error.to_string()), input, out)
             }
             Event::Frame(_) | Event::BusError { .. } => Ok(()),

@@ -1,24 +1,25 @@
 //! `wrenchctl mcap`: raw CAN and the wrench into one MCAP file, which Foxglove and PlotJuggler open.
 //!
 //! The frames go through the daemon's own cycle, live or from a recording, so the wrench is the one that the daemon publishes. Messages are
-//! those of ROS 2 (CDR), with their definitions in the file: `can_msgs/Frame` for each interface, `geometry_msgs/WrenchStamped`,
-//! `diagnostic_msgs/DiagnosticArray` whenever the status changes.
+//! those of ROS 2 (CDR), with their definitions in the file: `can_msgs/Frame` and, where there are CAN FD frames,
+//! `ros2_socketcan_msgs/FdFrame` for each interface, `geometry_msgs/WrenchStamped`, `diagnostic_msgs/DiagnosticArray` whenever the status changes.
 
 use std::collections::BTreeMap;
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, StdoutLock, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use ::mcap::records::MessageHeader;
+use ::mcap::write::NoSeek;
 use ::mcap::{McapError, WriteOptions, Writer};
 use can::atomic::AtomicFile;
 use can::frame::{Flags, Stamped};
 use can::source::Event;
 use rig::cycle::{Cycle, Estimate};
 use rig::{ModelFile, Rig, Status};
-use ros::{CanFrame, Diagnostic, DiagnosticArray, Level, Message, Stamp, WrenchStamped};
+use ros::{CanFrame, Diagnostic, DiagnosticArray, FdFrame, Level, Message, Stamp, WrenchStamped};
 
-use crate::input::Input;
+use crate::input::{Input, log_of};
 use crate::{Error, Outcome, output};
 
 /// What to write.
@@ -33,7 +34,7 @@ pub struct Args {
     /// The calibrated model; overrides the configuration's
     #[arg(long, value_name = "MODEL")]
     pub model: Option<PathBuf>,
-    /// The file to write; it appears when it is whole
+    /// The file to write, which appears when it is whole; - is standard output
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// End after this time, s [default: when interrupted; logs are read to their end]
@@ -47,26 +48,45 @@ struct Channel {
     messages: u32,
 }
 
+/// Where the bytes go.
+enum Sink {
+    File(BufWriter<AtomicFile>),
+    Stdout(BufWriter<StdoutLock<'static>>),
+}
+
+/// Written from its beginning to its end, as a pipe must be: what the format wants known ahead waits in memory, some 0.8 MB.
+type File = Writer<NoSeek<Sink>>;
+
 /// The file as it grows.
 struct Recorder {
-    file: Writer<BufWriter<AtomicFile>>,
+    file: File,
+    /// By interface.
     cans: BTreeMap<String, Channel>,
+    /// Those of CAN FD: no `can_msgs/Frame` holds them.
+    fds: BTreeMap<String, Channel>,
     wrench: Channel,
     diagnostics: Channel,
     frame_id: String,
     status: Option<Status>,
-    /// Frames that no `can_msgs/Frame` holds: CAN FD.
-    left_out: u64,
 }
 
 /// Writes until the end, the limit, or Ctrl-C.
 pub fn run(args: Args) -> Result<Outcome, Error> {
     let rig = Rig::load_file(&args.config)?;
-    let model = load_model(&args, &rig)?;
+    let model_file = model_file(&args, &rig)?;
+    let mut read_from = rig.config.files();
+    read_from.extend(log_of(&args.input)?.into_iter().chain([model_file.clone()]));
+    output::refuse_to_overwrite([Some(&args.out)], &read_from)?;
+    let model = ModelFile::load(&model_file, &rig)?;
     let mut cycle = Cycle::new(&rig, &model)?;
     let mut input = Input::open(&args.input)?;
-    let mut recorder = Recorder::new(AtomicFile::create(&args.out)?, rig.config.robot.tip.clone())
-        .map_err(|error| broken(&args.out, &error))?;
+    let to_stdout = args.out == Path::new("-");
+    let sink = match to_stdout {
+        true => Sink::Stdout(output::stdout()),
+        false => Sink::File(BufWriter::new(AtomicFile::create(&args.out)?)),
+    };
+    let mut recorder =
+        Recorder::new(sink, rig.config.robot.tip.clone()).map_err(|error| broken(&args.out, error))?;
     input.follow(args.seconds, |input, batch| {
         for event in batch {
             let (Event::Frame(stamped) | Event::BusError { stamped, .. }) = event else { continue };
@@ -76,81 +96,85 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
                     written = recorder.estimate(estimate);
                 }
             });
-            written.map_err(|error| broken(&args.out, &error))?;
+            written.map_err(|error| broken(&args.out, error))?;
         }
         Ok(true)
     })?;
     let said = recorder.finish(&args.out)?;
+    if to_stdout {
+        output::note(format_args!("{said}"));
+        return Ok(Outcome::Done);
+    }
     let mut out = output::stdout();
     writeln!(out, "{}: {said}", args.out.display())?;
     out.flush()?;
     Ok(Outcome::Done)
 }
 
-fn load_model(args: &Args, rig: &Rig) -> Result<ModelFile, Error> {
+fn model_file(args: &Args, rig: &Rig) -> Result<PathBuf, Error> {
     let configured = rig.config.model.as_ref().map(|model| &model.path);
-    let file = args.model.as_ref().or(configured).ok_or_else(|| {
+    args.model.as_ref().or(configured).cloned().ok_or_else(|| {
         Error::usage(format!(
             "{}: no model is configured; give --model, or calibrate first (`wrenchctl calibrate`)",
             args.config.display()
         ))
-    })?;
-    Ok(ModelFile::load(file, rig)?)
+    })
 }
 
-fn broken(file: &Path, error: &McapError) -> Error {
-    Error::usage(format!("cannot write {}: {error}; nothing was left behind", file.display()))
+/// The system's reason, which the library's own words leave out.
+fn broken(file: &Path, error: McapError) -> Error {
+    let source = match error {
+        McapError::Io(source) => source,
+        other => io::Error::other(other),
+    };
+    match file == Path::new("-") {
+        true => Error::Output(source),
+        false => can::Error::Write { path: file.to_owned(), source }.into(),
+    }
 }
 
 /// What a message is called in a ROS 2 bag, with its definition.
-fn channel<M: Message>(file: &mut Writer<BufWriter<AtomicFile>>, topic: &str) -> Result<Channel, McapError> {
+fn channel<M: Message>(file: &mut File, topic: &str) -> Result<Channel, McapError> {
     let schema = file.add_schema(M::NAME, "ros2msg", M::DEFINITION.as_bytes())?;
     let id = file.add_channel(schema, topic, "cdr", &BTreeMap::new())?;
     Ok(Channel { id, messages: 0 })
 }
 
 impl Recorder {
-    fn new(file: AtomicFile, frame_id: String) -> Result<Self, McapError> {
+    fn new(sink: Sink, frame_id: String) -> Result<Self, McapError> {
         let library = concat!("wrenchctl ", env!("CARGO_PKG_VERSION"));
         let options = WriteOptions::new().compression(None).profile("ros2").library(library);
-        let mut file = options.create(BufWriter::new(file))?;
+        let mut file = options.disable_seeking(true).create(NoSeek::new(sink))?;
         Ok(Self {
             wrench: channel::<WrenchStamped>(&mut file, "/wrench")?,
             diagnostics: channel::<DiagnosticArray>(&mut file, "/diagnostics")?,
             cans: BTreeMap::new(),
+            fds: BTreeMap::new(),
             file,
             frame_id,
             status: None,
-            left_out: 0,
         })
     }
 
     fn frame(&mut self, interface: &str, stamped: &Stamped) -> Result<(), McapError> {
         let (frame, flags) = (&stamped.frame, stamped.frame.flags());
+        let (stamp, frame_id) = (Stamp(stamped.stamp_ns), interface.to_owned());
+        let (id, is_extended) = (frame.id().number(), frame.id().is_extended());
+        let (is_error, length) = (flags.has(Flags::ERROR), frame.len() as u8);
+        if flags.has(Flags::FD) {
+            let data = frame.data().to_vec();
+            let message = FdFrame { stamp, frame_id, id, is_extended, is_error, data };
+            let topic = format!("/can/{interface}/fd");
+            return raw(&mut self.file, &mut self.fds, (interface, &topic), &message, stamped.stamp_ns);
+        }
         let mut data = [0; 8];
-        if flags.has(Flags::FD) || frame.data().len() > data.len() {
-            self.left_out += 1;
-            return Ok(());
+        for (to, from) in data.iter_mut().zip(frame.data()) {
+            *to = *from;
         }
-        data[..frame.data().len()].copy_from_slice(frame.data());
-        let message = CanFrame {
-            stamp: Stamp(stamped.stamp_ns),
-            frame_id: interface.to_owned(),
-            id: frame.id().number(),
-            is_remote: flags.has(Flags::REMOTE),
-            is_extended: frame.id().is_extended(),
-            is_error: flags.has(Flags::ERROR),
-            length: frame.len() as u8,
-            data,
-        };
-        if !self.cans.contains_key(interface) {
-            let new = channel::<CanFrame>(&mut self.file, &format!("/can/{interface}"))?;
-            self.cans.insert(interface.to_owned(), new);
-        }
-        match self.cans.get_mut(interface) {
-            Some(channel) => channel.write(&mut self.file, &message, stamped.stamp_ns, stamped.stamp_ns),
-            None => Ok(()),
-        }
+        let is_remote = flags.has(Flags::REMOTE);
+        let message = CanFrame { stamp, frame_id, id, is_remote, is_extended, is_error, length, data };
+        let topic = format!("/can/{interface}");
+        raw(&mut self.file, &mut self.cans, (interface, &topic), &message, stamped.stamp_ns)
     }
 
     /// An instant with a wrench, and its status where that is another than before.
@@ -182,15 +206,54 @@ impl Recorder {
 
     /// Ends the file; what is in it.
     fn finish(mut self, out: &Path) -> Result<String, Error> {
-        self.file.finish().map_err(|error| broken(out, &error))?;
-        let failed = |error: std::io::IntoInnerError<_>| broken(out, &McapError::Io(error.into_error()));
-        self.file.into_inner().into_inner().map_err(failed)?.commit()?;
-        let frames: u64 = self.cans.values().map(|channel| u64::from(channel.messages)).sum();
-        let beside = match self.left_out {
+        self.file.finish().map_err(|error| broken(out, error))?;
+        match self.file.into_inner().into_inner() {
+            Sink::Stdout(mut stdout) => stdout.flush()?,
+            Sink::File(file) => {
+                let failed = |error: io::IntoInnerError<_>| broken(out, McapError::Io(error.into_error()));
+                file.into_inner().map_err(failed)?.commit()?;
+            }
+        }
+        let frames = [&self.cans, &self.fds]
+            .map(|channels| channels.values().map(|channel| u64::from(channel.messages)).sum::<u64>());
+        let beside = match frames[1] {
             0 => String::new(),
-            n => format!(", {n} CAN FD frames left out (can_msgs/Frame holds none)"),
+            n => format!(", {n} of them CAN FD"),
         };
-        Ok(format!("{} wrenches, {frames} frames{beside}", self.wrench.messages))
+        Ok(format!("{} wrenches, {} frames{beside}", self.wrench.messages, frames[0] + frames[1]))
+    }
+}
+
+impl Write for Sink {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::File(file) => file.write(bytes),
+            Self::Stdout(stdout) => stdout.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::File(file) => file.flush(),
+            Self::Stdout(stdout) => stdout.flush(),
+        }
+    }
+}
+
+/// Adds a frame to its interface's channel, which begins with the first one.
+fn raw<M: Message>(
+    file: &mut File,
+    channels: &mut BTreeMap<String, Channel>,
+    (interface, topic): (&str, &str),
+    message: &M,
+    stamp_ns: i64,
+) -> Result<(), McapError> {
+    if !channels.contains_key(interface) {
+        channels.insert(interface.to_owned(), channel::<M>(file, topic)?);
+    }
+    match channels.get_mut(interface) {
+        Some(channel) => channel.write(file, message, stamp_ns, stamp_ns),
+        None => Ok(()),
     }
 }
 
@@ -198,7 +261,7 @@ impl Channel {
     /// Adds a message, logged and published at these times (ns since the Unix epoch).
     fn write(
         &mut self,
-        file: &mut Writer<BufWriter<AtomicFile>>,
+        file: &mut File,
         message: &impl Message,
         logged_ns: i64,
         published_ns: i64,

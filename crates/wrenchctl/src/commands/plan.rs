@@ -7,7 +7,7 @@ use calibration::plan::{self, GaugeState, Goal, Plan, Weight};
 use calibration::{Axes, Keep, Recording};
 use rig::{ModelFile, Rig, Run};
 
-use super::calibrate::{MOST_INSTANTS, load_runs, read};
+use super::calibrate::{MOST_INSTANTS, files, load_runs, read};
 use crate::output::{self, Side, Table};
 use crate::{Error, Outcome};
 
@@ -71,6 +71,8 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
     let rig = Rig::load_file(&args.config)?;
     let model = args.model.as_ref().map(|path| ModelFile::load(path, &rig)).transpose()?;
     let runs = if args.runs.is_empty() { Vec::new() } else { load_runs(&args.runs)? };
+    let read_from: Vec<_> = files(&runs).into_iter().chain(rig.config.files()).chain(args.model).collect();
+    output::refuse_to_overwrite([args.json.as_ref()], &read_from)?;
     let gauges = known(&rig, model.as_ref(), &runs)?;
     let weights = args.weights.map_or_else(|| usual_weights(&runs), |weights| weights.0);
     let goal = args.force_sigma_n.map_or(Goal::Count(args.count as usize), Goal::ForceSigma);

@@ -7,7 +7,7 @@ use calibration::Keep;
 use calibration::validate::{Row, Score, Validation};
 use rig::{ModelFile, Rig};
 
-use super::calibrate::{load_runs, read};
+use super::calibrate::{files, load_runs, read};
 use crate::output::{self, Side, Table};
 use crate::pages::validation::Collector;
 use crate::{Error, Outcome};
@@ -47,8 +47,12 @@ fn positive(text: &str) -> Result<f64, String> {
 
 /// Scores, and prints the table.
 pub fn run(args: Args) -> Result<Outcome, Error> {
-    output::one_at_most_to_stdout([args.csv.as_ref(), args.json.as_ref(), args.report.as_ref()])?;
+    let written = [args.csv.as_ref(), args.json.as_ref(), args.report.as_ref()];
+    output::one_at_most_to_stdout(written)?;
     let runs = load_runs(&args.runs)?;
+    let mut read_from = files(&runs);
+    read_from.push(args.model.clone());
+    output::refuse_to_overwrite(written, &read_from)?;
     let rig = Rig::load(runs[0].config.clone())?;
     let model = ModelFile::load(&args.model, &rig)?;
     let recordings = read(&runs, &rig, Keep::Everything)?;

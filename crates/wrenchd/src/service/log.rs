@@ -14,7 +14,11 @@ use crate::realtime::standard_error_stream;
 /// Starts logging; `RUST_LOG` sets what is logged, `info` and above where it is absent.
 pub fn start() {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
-    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // A line that cannot be written is lost. Told of on the same stream, as the library would, it would end the daemon.
+    let builder = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .log_internal_errors(false);
     if to_journal() {
         builder.with_ansi(false).event_format(Journal).init();
     } else {

@@ -69,7 +69,12 @@ fn open_bus(options: &Options, loaded: &Loaded) -> Result<Bus, StartError> {
         Some(path) => {
             let (tapped, copies) = can::tap::tap(source, QUEUE_EVENTS);
             let interfaces = &loaded.rig.config.bus.interfaces;
-            (Box::new(tapped), Some(Recorder::start(path, interfaces, copies, &loaded.remark())?))
+            let recorder = Recorder::start(path, interfaces, copies, &loaded.remark())?;
+            if recorder.path() != path {
+                let (kept, new) = (path.display(), recorder.path().display());
+                tracing::warn!("{kept} is there already and is kept; recording into {new}");
+            }
+            (Box::new(tapped), Some(recorder))
         }
         None => (Box::new(source), None),
     };

@@ -115,3 +115,16 @@ fn arguments_are_explained() {
     assert_eq!(code, Some(2));
     assert!(said.contains("--config") && said.contains("Usage"), "{said}");
 }
+
+/// With the disk of its log full: neither a log line nor the last message ends the program by a panic (status 101).
+#[test]
+fn a_log_that_takes_nothing_changes_no_exit_status() {
+    let files = Files::new(
+        "[publish.can]\ninterface = \"can1\"",
+        "[publish.ros2]\n[publish.can]\ninterface = \"nocan1\"",
+    );
+    let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_wrenchd"));
+    command.arg("--config").arg(files.path("arm.toml")).arg("--model").arg(files.path("model.toml"));
+    assert_eq!(command.stderr(full).status().unwrap().code(), Some(2));
+}

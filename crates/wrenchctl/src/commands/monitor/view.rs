@@ -56,7 +56,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, history: &History) {
     let Some(status) = &history.status else { return };
     let gauges = status.live.as_ref().map_or(0, |live| live.gauges.len()) as u16;
     let rows =
-        [Constraint::Length(2), Constraint::Min(12), Constraint::Length(gauges + 3), Constraint::Length(1)];
+        [Constraint::Length(2), Constraint::Min(10), Constraint::Length(gauges + 3), Constraint::Length(1)];
     let [head, traces, below, foot] = Layout::vertical(rows).areas(frame.area());
     frame.render_widget(Paragraph::new(heading(status)), head);
     let halves: [Rect; 2] = Layout::vertical([Constraint::Fill(1); 2]).areas(traces);
@@ -68,12 +68,14 @@ pub(super) fn draw(frame: &mut Frame<'_>, history: &History) {
     }
     let [left, right] = Layout::horizontal([Constraint::Min(46), Constraint::Length(34)]).areas(below);
     if let Some(live) = &status.live {
-        frame.render_widget(gauge_table(live), left);
+        frame.render_widget(gauge_table(live, left.width), left);
     }
     frame.render_widget(Paragraph::new(facts(status)).block(Block::bordered().title("daemon")), right);
     frame.render_widget(
-        Paragraph::new("q: quit    value \u{b1} deviation (most that one faulty gauge can hide)")
-            .style(dim()),
+        Paragraph::new(
+            "q: quit   value \u{b1} deviation (most that one faulty gauge can hide)   \u{2592} deviation",
+        )
+        .style(dim()),
         foot,
     );
 }
@@ -122,15 +124,48 @@ fn trace(frame: &mut Frame<'_>, area: Rect, axis: usize, history: &History) {
         None => format!("{name} \u{2013} {unit}"),
     };
     let label = |y: f64| format!("{y:>7.digits$}");
+    let block = Block::bordered().title(title);
+    // In the frame's own line: a small terminal has no row to spare.
+    let block = match value {
+        Some(value) => {
+            let cells = area.width.saturating_sub(2).into();
+            block.title_bottom(Line::styled(
+                wrench_bar(value, (low, high), cells),
+                Style::new().fg(Color::Cyan),
+            ))
+        }
+        None => block,
+    };
     let data = Dataset::default().marker(Marker::Braille).graph_type(GraphType::Line).data(&points);
     let chart = Chart::new(vec![data.style(Style::new().fg(Color::Cyan))])
-        .block(Block::bordered().title(title))
+        .block(block)
         .x_axis(Axis::default().bounds([-TRACE_S, 0.0]))
         .y_axis(Axis::default().bounds([low, high]).labels([label(low), label(high)]));
     frame.render_widget(chart, area);
 }
 
-fn gauge_table(live: &Live) -> Table<'_> {
+/// A component (value and deviation) as a bar from zero, on the trace's scale from its lowest to its highest: shaded where the deviation reaches.
+fn wrench_bar((value, sigma): (f64, f64), (low, high): (f64, f64), cells: usize) -> String {
+    let last = cells.saturating_sub(1) as f64;
+    let cell = |y: f64| ((y - low) / (high - low) * cells as f64).floor().clamp(0.0, last) as usize;
+    let (zero, tip) = (cell(0.0), cell(value));
+    let (bar, shade) = (zero.min(tip)..=zero.max(tip), cell(value - sigma)..=cell(value + sigma));
+    let sign = |at: usize| match at {
+        at if at == zero => '\u{2502}',
+        at if shade.contains(&at) => '\u{2592}',
+        at if bar.contains(&at) => '\u{2588}',
+        _ => '\u{b7}',
+    };
+    (0..cells).map(sign).collect()
+}
+
+fn gauge_table(live: &Live, width: u16) -> Table<'_> {
+    // A cell of a residual's bar is one sigma, or two where there is no room: numbers are never cut.
+    let (widths, per_cell, residuals) = match width {
+        60.. => ([8, 13, 10, 6, 17], 1.0, "residual -8 .. 8"),
+        _ => ([6, 9, 9, 6, 9], 2.0, "-8 .. 8"),
+    };
+    let counts = usize::from(widths[2]);
     let row = |gauge: &Gauge| {
         let used = gauge.state == "used";
         let colour = match gauge.residual_sigma.abs() {
@@ -145,21 +180,29 @@ fn gauge_table(live: &Live) -> Table<'_> {
             Cell::from(gauge.name.clone()),
             Cell::from(if used && gauge.suspect { "suspect".to_owned() } else { gauge.state.clone() })
                 .style(Style::new().fg(if used && !gauge.suspect { Color::Reset } else { Color::Red })),
-            Cell::from(format!("{:>10.0}", gauge.counts)),
+            Cell::from(format!("{:>counts$.0}", gauge.counts)),
             Cell::from(residual),
-            Cell::from(bar(if used { gauge.residual_sigma } else { 0.0 })).style(Style::new().fg(colour)),
+            Cell::from(bar(if used { gauge.residual_sigma } else { 0.0 }, per_cell))
+                .style(Style::new().fg(colour)),
         ])
     };
-    let widths = [8, 13, 10, 6, 17].map(Constraint::Length);
-    Table::new(live.gauges.iter().map(row), widths)
-        .header(Row::new(["gauge", "state", "    counts", " sigma", "residual -8 .. 8"]).style(dim()))
+    let heads = [
+        "gauge".to_owned(),
+        "state".into(),
+        format!("{:>counts$}", "counts"),
+        " sigma".into(),
+        residuals.into(),
+    ];
+    Table::new(live.gauges.iter().map(row), widths.map(Constraint::Length))
+        .header(Row::new(heads).style(dim()))
         .block(Block::bordered().title("gauges"))
 }
 
-/// A residual as a bar from the middle of seventeen cells; eight sigmas are its whole length.
-fn bar(residual_sigma: f64) -> String {
-    let cells = residual_sigma.clamp(-8.0, 8.0).round() as i32;
-    (-8..=8)
+/// A residual as a bar from the middle cell, so many sigmas a cell; eight sigmas are its whole length.
+fn bar(residual_sigma: f64, per_cell: f64) -> String {
+    let cells = (residual_sigma.clamp(-8.0, 8.0) / per_cell).round() as i32;
+    let most = (8.0 / per_cell) as i32;
+    (-most..=most)
         .map(|at: i32| match at {
             0 => '\u{2502}',
             at if at.signum() == cells.signum() && at.abs() <= cells.abs() => '\u{2588}',
@@ -278,6 +321,45 @@ mod tests {
         let dots = text.chars().filter(|c| ('\u{2801}'..='\u{28FF}').contains(c)).count();
         assert!(dots > 200, "six traces: {dots}\n{text}");
         assert!(text.contains("\u{2502}\u{2588}\u{2588}\u{2588}\u{b7}"), "a residual of 3 sigma:\n{text}");
+    }
+
+    #[test]
+    fn a_bar_grows_from_zero_to_its_side_and_shades_its_deviation() {
+        let bar = |value, sigma| wrench_bar((value, sigma), (-4.0, 6.0), 10).replace('\u{b7}', ".");
+        assert_eq!(bar(3.5, 0.1), "....\u{2502}\u{2588}\u{2588}\u{2592}..");
+        assert_eq!(bar(3.5, 1.2), "....\u{2502}\u{2588}\u{2592}\u{2592}\u{2592}.");
+        assert_eq!(bar(-2.5, 0.1), ".\u{2592}\u{2588}\u{2588}\u{2502}.....");
+        assert_eq!(bar(0.1, 0.2), "...\u{2592}\u{2502}.....", "zero has its mark");
+        assert_eq!(
+            bar(99.0, f64::INFINITY),
+            "\u{2592}\u{2592}\u{2592}\u{2592}\u{2502}\u{2592}\u{2592}\u{2592}\u{2592}\u{2592}"
+        );
+        assert_eq!(bar(f64::NAN, f64::NAN).chars().count(), 10);
+        assert_eq!(wrench_bar((1.0, 0.1), (-1.0, 1.0), 0), "");
+    }
+
+    #[test]
+    fn a_small_terminal_shows_traces_bars_gauges_and_facts() {
+        let wrench =
+            |k: i32| [2.0, -1.0, 0.3, 0.2, -0.05, 0.0].map(|most| most * (f64::from(k) * 0.05).sin());
+        let text = picture(80, 24, &(0..32).map(|k| Some(wrench(k))).collect::<Vec<_>>());
+        let bars: Vec<&str> =
+            text.lines().filter(|line| line.contains('\u{2592}') && line.contains('\u{2514}')).collect();
+        assert_eq!(bars.len(), 2, "{text}");
+        for (line, right) in bars.iter().zip([[true, false, true], [true, false, true]]) {
+            for (bar, right) in line.split('\u{2514}').skip(1).zip(right) {
+                let (left, behind) = bar.split_once('\u{2502}').unwrap();
+                let long = |part: &str| part.contains('\u{2588}') || part.contains('\u{2592}');
+                assert!(if right { long(behind) } else { long(left) && !long(behind) }, "{bar}:\n{text}");
+            }
+        }
+        for part in
+            ["s8     used          86415   5.00", "saturated", "payload      0.250 kg", "uptime", "q: quit"]
+        {
+            assert!(text.contains(part), "{part}:\n{text}");
+        }
+        let dots = text.chars().filter(|c| ('\u{2801}'..='\u{28FF}').contains(c)).count();
+        assert!(dots > 24, "{dots}\n{text}");
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod intervals;
 mod report;
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -15,7 +16,7 @@ use rig::binding::{BitRates, classical_bits, fd_bits};
 
 use crate::commands::check::RateArgs;
 use crate::decoded::Decoder;
-use crate::input::Input;
+use crate::input::{Input, log_of};
 use crate::{Error, Outcome, output};
 use flow::Flow;
 
@@ -49,6 +50,9 @@ pub struct Args {
 pub fn run(args: Args) -> Result<Outcome, Error> {
     let decoder = args.config.as_deref().map(Decoder::load).transpose()?;
     let mut input = Input::open(&args.input)?;
+    let log = log_of(&args.input)?;
+    let config = decoder.iter().flat_map(|decoder| decoder.config.files());
+    output::refuse_to_overwrite([args.json.as_ref()], &log.into_iter().chain(config).collect::<Vec<_>>())?;
     let mut stats = Stats::new(args.rates.rates());
     input.follow(args.seconds, |_, batch| {
         for event in batch {
@@ -72,7 +76,7 @@ pub fn run(args: Args) -> Result<Outcome, Error> {
 }
 
 /// Everything that was met so far.
-struct Stats {
+pub(super) struct Stats {
     rates: BitRates,
     buses: BTreeMap<u8, Bus>,
     flows: BTreeMap<(u8, CanId), Flow>,
@@ -105,7 +109,8 @@ struct Bus {
 }
 
 impl Stats {
-    fn new(rates: BitRates) -> Self {
+    /// Nothing yet; the bit rates are for the load.
+    pub(super) fn new(rates: BitRates) -> Self {
         Self {
             rates,
             buses: BTreeMap::new(),
@@ -119,7 +124,18 @@ impl Stats {
         }
     }
 
-    fn event(&mut self, event: &Event, decoder: Option<&Decoder>) {
+    /// The figures so far as `stats` prints them, of the input with this name.
+    pub(super) fn table(
+        &self,
+        name: &str,
+        input: &Input,
+        decoder: Option<&Decoder>,
+    ) -> impl fmt::Display + use<> {
+        report::Report::new(name, self, input, decoder)
+    }
+
+    /// Takes in what comes next.
+    pub(super) fn event(&mut self, event: &Event, decoder: Option<&Decoder>) {
         match event {
             Event::Frame(stamped) => self.frame(stamped, decoder),
             Event::BusError { stamped, error } => {
