@@ -1,6 +1,6 @@
-//! The Debian package, built by cargo-deb from the release programs.
+//! The Debian packages, built by cargo-deb: the daemon's from the release programs, the bridge's from a program that the tests have built anyway.
 
-use crate::programs::{programs, workspace};
+use crate::programs::{build_bridge, programs, workspace};
 use crate::scratch::target_dir;
 use crate::{Check, Failure, IoContext, packages, process};
 use std::fs::{self, File};
@@ -22,29 +22,32 @@ pub fn package() -> Check<&'static Path> {
     outcome.as_deref().map_err(|failure| Failure::new(failure.words()))
 }
 
-/// The variable that hands the package to the inside of the machine.
+/// The bridge's package, built with the daemon's and beside it.
+pub fn bridge() -> Check<PathBuf> {
+    Ok(package()?.with_file_name("wrenchd-ros2.deb"))
+}
+
+/// The variable that hands the packages to the inside of the machine.
 pub fn environment(package: &Path) -> (&'static str, &Path) {
     (PACKAGE_VARIABLE, package)
 }
 
 fn build() -> Check<PathBuf> {
     programs()?;
+    build_bridge()?;
     packages::require(&[&packages::SHLIBDEPS, &packages::XZ])?;
     let target = target_dir()?;
-    let package = target.join("debian/wrenchd.deb");
-    let mut command = Command::new(cargo_deb(&target)?);
+    pack("wrenchd-ros2", &["--profile", "dev"], &target)?;
+    pack("wrenchd", &[], &target)
+}
+
+fn pack(name: &str, more: &[&str], target: &Path) -> Check<PathBuf> {
+    let package = target.join("debian").join(name).with_extension("deb");
+    let mut command = Command::new(cargo_deb(target)?);
     // Compressed less than what is given to people.
-    command.args([
-        "deb",
-        "-p",
-        "wrenchd",
-        "--strip",
-        "--fast",
-        "--compress-system",
-        "--no-build",
-        "--locked",
-    ]);
-    command.arg("--output").arg(&package).current_dir(workspace()).env("CARGO_TARGET_DIR", &target);
+    command.args(["deb", "-p", name, "--strip", "--fast", "--compress-system", "--no-build", "--locked"]);
+    command.args(more).arg("--output").arg(&package);
+    command.current_dir(workspace()).env("CARGO_TARGET_DIR", target);
     let said = process::run(&mut command, PACK_LIMIT)?.stderr();
     // A file that is named but not there, or two in one place, is a warning only.
     match said.lines().find(|line| line.starts_with("warning")) {

@@ -59,6 +59,11 @@ fn build() -> Check<Programs> {
     Ok(programs)
 }
 
+/// The bridge to ROS 2, as `cargo test --workspace` builds it: zenoh, optimised, would take minutes.
+pub(crate) fn build_bridge() -> Check {
+    cargo(&["build", "-p", "wrenchd-ros2"], &target_dir()?).map(drop)
+}
+
 /// The tests of the socket source, which need `vcan0` and `vcan1`: an executable of cargo's usual harness, built once a process.
 pub fn socket_tests() -> Check<&'static Path> {
     static TESTS: OnceLock<Check<PathBuf>> = OnceLock::new();

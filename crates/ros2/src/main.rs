@@ -10,6 +10,8 @@
 
 mod daemon;
 mod graph;
+#[cfg(test)]
+mod manual;
 mod passing;
 
 use std::io::Write;
@@ -23,7 +25,7 @@ use clap::Parser;
 /// Needs `[publish.ros2]` and `[control]` in the daemon's configuration, and a zenoh router, as every rmw_zenoh node does
 /// (`ros2 run rmw_zenoh_cpp rmw_zenohd`, on any machine). Exit status: 2 unusable input or arguments.
 #[derive(Parser)]
-#[command(version)]
+#[command(name = "wrenchd-ros2", version)]
 struct Arguments {
     /// The daemon's configuration (TOML)
     #[arg(long, value_name = "FILE")]

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::bus_errors::BusErrors;
 use crate::histogram::Histogram;
 
 /// A counter as it goes out to others.
@@ -22,6 +23,8 @@ macro_rules! counters {
         pub struct Health {
             $($name: AtomicU64,)*
             worst_latency_ns: AtomicU64,
+            /// What the CAN controllers said about their buses.
+            pub bus: BusErrors,
             /// From a last frame's stamp to the publication of what it completed.
             pub latency: Histogram,
             /// From the instant of a published wrench to its publication.

@@ -30,6 +30,7 @@ mod common;
 
 pub mod arguments;
 pub mod board;
+pub mod bus_errors;
 pub mod command;
 pub mod control;
 #[cfg(target_os = "linux")]

@@ -127,7 +127,10 @@ impl Sinks {
     fn count(&mut self, event: &Event) {
         match event {
             Event::Frame(_) => self.totals.frames += 1,
-            Event::BusError { .. } => self.totals.bus_errors += 1,
+            Event::BusError { stamped, error } => {
+                self.totals.bus_errors += 1;
+                self.health.bus.note(stamped.interface, error);
+            }
             Event::Dropped { count, .. } => self.totals.lost_frames += u64::from(*count),
             Event::Down { .. } => self.totals.downs += 1,
             Event::Up { .. } | Event::Malformed { .. } => {}

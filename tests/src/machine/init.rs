@@ -102,7 +102,7 @@ fn boot(scratch: &Path) -> Check<i32> {
     let job = Job::read(&scratch.join(JOB_FILE))?;
     let path = job.environment.iter().find(|(name, _)| name == "PATH").map(|(_, value)| value.as_os_str());
     let mut modprobe = Command::new("modprobe");
-    modprobe.arg("-d").arg(&modules).args(["-a", "can", "can-raw", "can-dev", "vcan"]);
+    modprobe.arg("-d").arg(&modules).args(["-a", "can", "can-raw", "can-dev", "vcan", "sch_tbf"]);
     process::run(modprobe.env("PATH", path.unwrap_or_default()), STEP_LIMIT)?;
     run(&job)
 }

@@ -20,10 +20,15 @@ const DPKG_LIMIT: Duration = Duration::from_secs(120);
 const EXAMPLES: &str = "/usr/share/doc/wrenchd/examples";
 const NETWORK: &str = "/etc/systemd/network";
 
-/// Installs the package with dpkg alone: all that it depends on is there.
+/// Installs the daemon's package with dpkg alone: all that it depends on is there.
 pub(crate) fn dpkg_install() -> Check {
+    dpkg_install_file(package::package()?)
+}
+
+/// The same with another package.
+pub(crate) fn dpkg_install_file(package: &Path) -> Check {
     let mut command = Command::new("dpkg");
-    command.arg("--install").arg(package::package()?).env("DEBIAN_FRONTEND", "noninteractive");
+    command.arg("--install").arg(package).env("DEBIAN_FRONTEND", "noninteractive");
     process::run(&mut command, DPKG_LIMIT).map(drop)
 }
 

@@ -1,6 +1,7 @@
-//! The Debian package on a Debian that systemd has really booted: see `wrenchd_tests::machine`.
+//! The Debian packages on a Debian that systemd has really booted: see `wrenchd_tests::machine`.
 
 mod arm;
+mod bridge;
 mod first;
 mod package;
 mod service;
@@ -18,5 +19,5 @@ fn main() -> ExitCode {
         evidence: systemd::keep_journal,
         first: Some(&first::SCENARIO),
     };
-    suite::main(&stage, &[service::SCENARIOS, package::SCENARIOS])
+    suite::main(&stage, &[service::SCENARIOS, bridge::SCENARIOS, package::SCENARIOS])
 }

@@ -195,10 +195,15 @@ fn stop(guest: &Guest) -> Check {
 }
 
 fn unit(_: &Guest) -> Check {
-    let verified = attempt("systemd-analyze verify /usr/lib/systemd/system/wrenchd.service")?;
+    ensure_sound("wrenchd")
+}
+
+/// systemd finds no fault with a unit, and little that it could be denied besides.
+pub(crate) fn ensure_sound(unit: &str) -> Check {
+    let verified = attempt(&format!("systemd-analyze verify /usr/lib/systemd/system/{unit}.service"))?;
     ensure!(verified.code() == Some(0) && verified.text().is_empty(), "verify says: {}", verified.text());
     let exposure =
-        format!("systemd-analyze security --no-pager --threshold={EXPOSURE_TENTHS} wrenchd.service");
+        format!("systemd-analyze security --no-pager --threshold={EXPOSURE_TENTHS} {unit}.service");
     let said = attempt(&exposure)?;
     let level = said.text().lines().find(|line| line.contains("Overall exposure level")).map(str::to_owned);
     println!("  {}", level.as_deref().unwrap_or("no exposure level"));

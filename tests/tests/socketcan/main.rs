@@ -3,6 +3,7 @@
 mod bus;
 mod clients;
 mod daemon;
+mod errors;
 mod hostile;
 mod live;
 mod published;
@@ -23,6 +24,7 @@ fn main() -> ExitCode {
             bus::SCENARIOS,
             daemon::SCENARIOS,
             service::SCENARIOS,
+            errors::SCENARIOS,
             clients::SCENARIOS,
             hostile::SCENARIOS,
             soak,

@@ -39,7 +39,7 @@ fn pause(milliseconds: u64) {
 }
 
 /// So many rounds of the arm in a held pose.
-fn held(arm: &Arm, rounds: usize) -> Check<Vec<Line>> {
+pub(crate) fn held(arm: &Arm, rounds: usize) -> Check<Vec<Line>> {
     let pieces = candump::rounds(&arm.recording()?);
     Ok(candump::repeated(pieces.get(..200).unwrap_or(&pieces), rounds, PERIOD_NS))
 }

@@ -11,6 +11,7 @@ use tokio::time::{MissedTickBehavior, interval};
 use super::clients::Clients;
 use super::load::{Loaded, StartError};
 use super::{Options, notify};
+use crate::bus_errors::Said;
 use crate::health::{Health, Totals};
 use crate::network::ReloadRequest;
 use crate::published::Why;
@@ -39,6 +40,10 @@ struct Watch {
     /// Status and reason that were logged last.
     state: Option<(Status, Option<Why>)>,
     changed_at: Option<Instant>,
+    /// What CAN controllers said that is not logged yet, what was logged last, and when.
+    bus: Said,
+    bus_logged: Said,
+    bus_logged_at: Instant,
     reported_at: Instant,
     reported: Totals,
     /// Turns when the watchdog was last fed.
@@ -110,6 +115,7 @@ impl Supervisor {
         if let Some(record) = self.clients.shared.newest() {
             watch.state(record.status, record.outcome.err());
         }
+        watch.bus(&self.health, &self.loaded.rig.config.bus.interfaces);
         watch.report(&self.health);
         if let Some(recorder) = self.recorder.as_ref().filter(|recorder| recorder.has_failed())
             && !watch.recorder_failed
@@ -220,6 +226,9 @@ impl Watch {
         Self {
             state: None,
             changed_at: None,
+            bus: Said::default(),
+            bus_logged: Said::default(),
+            bus_logged_at: Instant::now(),
             reported_at: Instant::now(),
             reported: Totals::default(),
             fed_turns: 0,
@@ -241,6 +250,21 @@ impl Watch {
             None => tracing::warn!(status = %status, "the wrench is to be used with care"),
         }
         notify::status(&why.map_or_else(|| format!("wrench {status}"), |why| format!("no wrench: {why}")));
+    }
+
+    /// Logs what CAN controllers say: what is new at once, the same again as often as the status line.
+    fn bus(&mut self, health: &Health, interfaces: &[String]) {
+        self.bus = self.bus.and(health.bus.take());
+        if self.bus_logged_at.elapsed() >= STATUS_PERIOD {
+            self.bus_logged = Said::default();
+        }
+        if !self.bus.is_news_after(self.bus_logged) {
+            return;
+        }
+        let said = std::mem::take(&mut self.bus);
+        self.bus_logged = self.bus_logged.and(said);
+        self.bus_logged_at = Instant::now();
+        tracing::warn!("{}", said.words(interfaces));
     }
 
     /// Logs the status line when it is due.

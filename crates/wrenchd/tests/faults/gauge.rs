@@ -7,6 +7,11 @@ fn place(gauge: usize) -> (u32, usize) {
     (257 + gauge as u32 / 2, 3 * (gauge % 2))
 }
 
+/// The message that carries a gauge, and its neighbour.
+pub(crate) fn message(gauge: usize) -> u32 {
+    place(gauge).0
+}
+
 fn counts(data: &[u8], at: usize) -> i32 {
     i32::from_le_bytes([0, data[at], data[at + 1], data[at + 2]]) >> 8
 }

@@ -20,8 +20,8 @@ use wrenchd::published::Published;
 use crate::common::{model, rig_with, truth};
 use crate::gauge::{change, change_position};
 
-const BEGIN_NS: i64 = 500_000_000;
-const END_NS: i64 = 1_000_000_000;
+pub(crate) const BEGIN_NS: i64 = 500_000_000;
+pub(crate) const END_NS: i64 = 1_000_000_000;
 const SECONDS: f64 = 2.6;
 const HOUR_NS: i64 = 3_600_000_000_000;
 
@@ -210,7 +210,7 @@ fn of_gauges_and_encoders() -> Vec<(String, Fault)> {
 }
 
 /// The arm holding a pose, or swinging, under a weight and a push.
-fn simulator(rig: &Rig, rate_hz: f64, moves: bool) -> Simulator {
+pub(crate) fn simulator(rig: &Rig, rate_hz: f64, moves: bool) -> Simulator {
     let limits = MotionLimits::of(&rig.chain).unwrap();
     let pose = vec![0.2, -0.9, 0.8, 0.3, -0.7, 0.4];
     let mut trajectory = Trajectory::from_pose(pose.clone());

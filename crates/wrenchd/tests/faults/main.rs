@@ -3,6 +3,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod evidence;
 mod gauge;
 mod grid;
 mod isolation;
