@@ -265,6 +265,8 @@ mod tests {
             reason: wrench.is_none().then(|| "fewer than six usable gauges".into()),
             wrench,
             sigma: wrench.map(|_| [0.02; 6]),
+            covariance: None,
+            singular_values_per_n: None,
             protection: wrench.map(|_| [Some(0.25), None, Some(1.0), Some(0.01), Some(0.02), Some(0.03)]),
             parity: wrench.map(|_| Parity { chi2: 1.5, dof: 1, limit: 65.0 }),
             gauges: (0..8).map(gauge).collect(),
