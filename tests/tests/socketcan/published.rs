@@ -16,7 +16,7 @@ pub(crate) const SILENCE: u8 = INVALID | STALE;
 /// Without a snapshot for so long the bus counts as silent: the default of `stale_after_s`, ns.
 pub(crate) const STALE_AFTER_NS: i64 = 20_000_000;
 /// How often a silence is told once it has begun, ns.
-pub(crate) const SILENCE_PERIOD_NS: i64 = 100_000_000;
+pub(crate) const SILENCE_PERIOD_NS: i64 = 50_000_000;
 
 /// N and Nm per count of the wrench frames.
 const COUNTS: [f64; 6] = [0.01, 0.01, 0.01, 0.001, 0.001, 0.001];
