@@ -46,7 +46,7 @@ pub fn watch(url: &str, name: &str) -> Check<String> {
         let page = dump(browser(dir, view)?.args(["--virtual-time-budget=3000", url]))?;
         let still = dir.with_file_name(format!("{name}.html"));
         fs::write(&still, &page).at("write", &still)?;
-        // The browser does not come to an end where it is to take a picture of a page that goes on asking for news.
+        // The browser may not come to an end where it is to take a picture of a page that goes on asking for news.
         let mut command = browser(dir, view)?;
         command.arg(format!("--screenshot={}", still.with_extension("png").display()));
         process::run(command.arg(format!("file://{}", still.display())), LOOK_LIMIT)?;

@@ -205,3 +205,12 @@ fn without_its_tables_it_says_which_is_missing() {
     let said = ended.expect_code(2).unwrap().stderr();
     assert!(said.contains("has no [publish.ros2] table"), "{said}");
 }
+
+/// With the disk of its log full the exit status still tells; a panic would be 101.
+#[test]
+fn a_message_that_cannot_be_written_changes_no_exit_status() {
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_wrenchd-ros2"));
+    let status = command.args(["--config", "/nowhere/arm.toml"]).stderr(full).status().unwrap();
+    assert_eq!(status.code(), Some(2));
+}

@@ -200,6 +200,7 @@ fn what_would_count_twice_overwrite_or_mix_is_refused() {
         names.iter().filter_map(|name| std::fs::read(format!("{dir}/{name}")).ok()).collect()
     };
     let before = whole(run);
+    assert_eq!(before.len(), 6, "the run has them all");
     for input in [run, &log] {
         refused(
             &["mcap", input, "--config", config, "--model", &model, "--out", &log],
@@ -223,9 +224,6 @@ fn what_would_count_twice_overwrite_or_mix_is_refused() {
     refused(&["plan", "--config", config, run, "--json", &run_file], &["run.toml", "one of the inputs"]);
     refused(&["status", "--config", config, "--json", config], &["arm.toml", "one of the inputs"]);
     assert_eq!((whole(run), std::fs::read(&model_there).unwrap()), (before, b"a model".to_vec()));
-    std::fs::write(&reference, "t,fx,fy,fz,tx,ty,tz\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n").unwrap();
-    let described = std::fs::read_to_string(&run_file).unwrap();
-    std::fs::write(&run_file, format!("reference = \"reference.csv\"\n{described}")).unwrap();
     refused(
         &["calibrate", run, "--out", &model, "--json", &reference],
         &["reference.csv", "one of the inputs"],

@@ -344,7 +344,7 @@ mod tests {
     fn a_small_terminal_shows_traces_bars_gauges_and_facts() {
         let wrench =
             |k: i32| [2.0, -1.0, 0.3, 0.2, -0.05, 0.0].map(|most| most * (f64::from(k) * 0.05).sin());
-        let text = picture(80, 24, &(0..32).map(|k| Some(wrench(k))).collect::<Vec<_>>());
+        let text = picture(80, 24, &(0..158).map(|k| Some(wrench(k))).collect::<Vec<_>>());
         let bars: Vec<&str> =
             text.lines().filter(|line| line.contains('\u{2592}') && line.contains('\u{2514}')).collect();
         assert_eq!(bars.len(), 2, "{text}");
@@ -361,7 +361,7 @@ mod tests {
             assert!(text.contains(part), "{part}:\n{text}");
         }
         let dots = text.chars().filter(|c| ('\u{2801}'..='\u{28FF}').contains(c)).count();
-        assert!(dots > 24, "{dots}\n{text}");
+        assert!(dots > 60, "{dots}\n{text}");
     }
 
     #[test]
