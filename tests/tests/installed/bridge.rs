@@ -39,7 +39,9 @@ fn bridge(_: &Guest) -> Check {
     dpkg_install_file(&package::bridge()?)?;
     ensure!(run(&format!("systemctl is-enabled {UNIT}"))?.stdout() == "enabled\n", "the unit is not enabled");
     // Without its table it says so, and tries again.
-    let said = || Ok(run(&format!("journalctl --quiet --boot --unit={UNIT} --output=cat"))?.stdout());
+    let said = || -> Check<String> {
+        Ok(run(&format!("journalctl --quiet --boot --unit={UNIT} --output=cat"))?.stdout())
+    };
     wait("the journal says what is missing", || Ok(said()?.contains("has no [publish.ros2] table")))?;
     let text = fs::read_to_string(CONFIG).at("read", Path::new(CONFIG))?;
     fs::write(CONFIG, format!("{text}{TABLE}")).at("write", Path::new(CONFIG))?;
