@@ -34,20 +34,25 @@ pub fn environment(package: &Path) -> (&'static str, &Path) {
 
 fn build() -> Check<PathBuf> {
     programs()?;
-    build_bridge()?;
+    let bridge = build_bridge()?;
     packages::require(&[&packages::SHLIBDEPS, &packages::XZ])?;
     let target = target_dir()?;
-    pack("wrenchd-ros2", &["--profile", "dev"], &target)?;
-    pack("wrenchd", &[], &target)
+    // cargo-deb packs what lies where release programs do: in a build directory that nobody takes for one.
+    let staged = target.join("debian/staged");
+    let release = staged.join("release");
+    fs::create_dir_all(&release).at("create", &release)?;
+    fs::copy(&bridge, release.join("wrenchd-ros2")).at("copy", &bridge)?;
+    pack("wrenchd-ros2", &staged, &target)?;
+    pack("wrenchd", &target, &target)
 }
 
-fn pack(name: &str, more: &[&str], target: &Path) -> Check<PathBuf> {
+/// Packs programs that were built into `built`.
+fn pack(name: &str, built: &Path, target: &Path) -> Check<PathBuf> {
     let package = target.join("debian").join(name).with_extension("deb");
     let mut command = Command::new(cargo_deb(target)?);
     // Compressed less than what is given to people.
     command.args(["deb", "-p", name, "--strip", "--fast", "--compress-system", "--no-build", "--locked"]);
-    command.args(more).arg("--output").arg(&package);
-    command.current_dir(workspace()).env("CARGO_TARGET_DIR", target);
+    command.arg("--output").arg(&package).current_dir(workspace()).env("CARGO_TARGET_DIR", built);
     let said = process::run(&mut command, PACK_LIMIT)?.stderr();
     // A file that is named but not there, or two in one place, is a warning only.
     match said.lines().find(|line| line.starts_with("warning")) {

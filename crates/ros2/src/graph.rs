@@ -49,7 +49,8 @@ fn configuration(endpoint: Option<&str>) -> zenoh::Result<Config> {
         ("connect/endpoints", endpoint.as_str()),
         ("connect/timeout_ms", "-1"),
         ("connect/exit_on_failure", "false"),
-        ("listen/endpoints", "[\"tcp/localhost:0\"]"),
+        // By number: a small system may know no name, not even this one.
+        ("listen/endpoints", "[\"tcp/127.0.0.1:0\"]"),
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "true"),
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", PATIENCE_US),

@@ -10,6 +10,7 @@ mod endurance;
 mod native;
 mod offline;
 mod peers;
+mod sending;
 mod table;
 mod timer;
 mod wire;

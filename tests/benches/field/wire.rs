@@ -1,4 +1,4 @@
-//! Frames through the kernel: taking them in, and answering them, each beside its peers in one boot of the CAN machine.
+//! Frames through the kernel: taking them in, sending them (see [`sending`]), and answering them, each beside its peers in one boot of the CAN machine.
 //!
 //! Three times are told of an answer. *Out* is from the kernel's stamp of the last frame in to its stamp of the second frame out, which
 //! completes the wrench (the echo's are two): what the program itself takes. *All* is the same to the last frame, the quality frame.
@@ -24,6 +24,7 @@ use wrenchd_tests::{Check, Failure, IoContext, ensure};
 
 use crate::answers::{self, Took, last_of_a_round};
 use crate::peers;
+use crate::sending;
 use crate::table::{Compared, Line};
 
 const FRAMES: usize = 20_000;
@@ -64,7 +65,7 @@ pub(crate) fn outside() -> Check<Vec<Line>> {
         |peer| Compared { what: "the same to its quality frame, a third one", peer, unit: "us", goal: "" };
     let seen = |peer, goal| Compared { what: "last frame sent to wrench seen, p50", peer, unit: "us", goal };
     let (c, py) = ("an echo in C", "python-can, cantools and Pinocchio");
-    Ok(vec![
+    let mut lines = vec![
         taken("socketcan crate, single reads", "<= 1/14").cost(&take("ours")?, &take("single")?),
         taken("candump -L", "<= 1/40").cost(&take("ours")?, &take("candump")?),
         out(c, "<= 1.5").cost(&take("daemon-out")?, &take("echo.c-out")?),
@@ -72,7 +73,9 @@ pub(crate) fn outside() -> Check<Vec<Line>> {
         seen(c, "<= 1.5").cost(&take("daemon-seen")?, &take("echo.c-seen")?),
         out(py, "<= 1/5").cost(&take("alone-out")?, &take("echo.py-out")?),
         seen(py, "<= 1/5").cost(&take("alone-seen")?, &take("echo.py-seen")?),
-    ])
+    ];
+    lines.extend(sending::lines(take)?);
+    Ok(lines)
 }
 
 pub(crate) fn inside(scratch: &Path) -> Check {
@@ -90,6 +93,7 @@ pub(crate) fn inside(scratch: &Path) -> Check {
         taken[2].push(by_candump(&guest)?);
     }
     ["ours", "single", "candump"].iter().zip(&taken).for_each(|(name, values)| note(name, values));
+    sending::inside(&guest, &variable(PYTHON)?, &mut note)?;
     for name in answers::LINKS.as_flattened().iter().skip(2) {
         guest.add_link(name)?;
     }
@@ -111,12 +115,16 @@ pub(crate) fn inside(scratch: &Path) -> Check {
     std::fs::write(&path, text).at("write", &path)
 }
 
+/// A frame that means nothing.
+pub(crate) fn filler() -> Check<Frame> {
+    let id = CanId::standard(0x101).ok_or_else(|| Failure::new("an identifier of 11 bits"))?;
+    Frame::classical(id, &[1, 2, 3, 4, 5, 6, 7, 8]).ok_or_else(|| Failure::new("eight bytes"))
+}
+
 /// Puts all frames into the buffers of those who listen.
 fn fill() -> Check {
     let mut sender = SocketSender::open("vcan0")?;
-    let id = CanId::standard(0x101).ok_or_else(|| Failure::new("an identifier of 11 bits"))?;
-    let frame = Frame::classical(id, &[1, 2, 3, 4, 5, 6, 7, 8]).ok_or_else(|| Failure::new("eight bytes"))?;
-    let sent = sender.send(&vec![frame; FRAMES]);
+    let sent = sender.send(&vec![filler()?; FRAMES]);
     ensure!(sent == FRAMES, "{sent} of {FRAMES} frames were taken");
     Ok(())
 }
