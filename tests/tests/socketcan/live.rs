@@ -48,6 +48,8 @@ impl Live {
     ) -> Check<Self> {
         let played = arm.to_play(guest, lines)?;
         let recording = guest.dir().join("recorded.log");
+        // The daemon keeps what is there, and records under another name.
+        let _ = std::fs::remove_file(&recording);
         let near = if load == Load::Moderate { Some(guest.capture("vcan0")?) } else { None };
         let far = guest.capture("vcan1")?;
         let daemon = match load {
@@ -109,8 +111,8 @@ pub(crate) fn wait_for_silence(guest: &Guest) -> Check {
     loop {
         std::thread::sleep(WINDOW);
         let now = guest.carried("vcan1")?;
-        // Silence is told ten times a second, in three frames; the recordings have 125 rounds a second.
-        if (3..=15).contains(&(now - before)) {
+        // Silence is told twenty times a second, in three frames; the recordings have 125 rounds a second.
+        if (3..=30).contains(&(now - before)) {
             return Ok(());
         }
         ensure!(

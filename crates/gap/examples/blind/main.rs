@@ -64,11 +64,12 @@ fn main() -> Result<()> {
     );
     let outcomes = all(&cases, &arms, &options, began)?;
     let text = format!(
-        "{} sessions of {} arms, seed {}, in {:.0} s. *Size*: RMS change in noise floors on the gauge that shows it most.\n\n{}",
+        "{} sessions of {} arms, seed {}, in {:.0} s, {} at a time. *Size*: RMS change in noise floors on the gauge that shows it most.\n\n{}",
         outcomes.len(),
         arms.len(),
         options.extent.seed,
         began.elapsed().as_secs_f64(),
+        options.jobs,
         table::of(&outcomes)
     );
     println!("{text}");

@@ -97,12 +97,7 @@ fn criteria(outcomes: &[Outcome]) -> String {
     shrinks(&mut rows, outcomes);
     let mut seconds: Vec<f64> = outcomes.iter().map(|o| o.seconds).collect();
     if let Some(median) = median(&mut seconds) {
-        rows.row(
-            "a diagnosis, two at a time, median s",
-            &seconds.len().to_string(),
-            &format!("{median:.1}"),
-            "-",
-        );
+        rows.row("a diagnosis, median s", &seconds.len().to_string(), &format!("{median:.1}"), "-");
     }
     rows.0
 }
