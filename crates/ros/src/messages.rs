@@ -2,6 +2,18 @@
 
 use crate::cdr::Cdr;
 
+/// Definition of the header that every message begins with, as it stands at the end of theirs.
+macro_rules! header {
+    () => {
+        concat!(
+            "================================================================================\n",
+            "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
+            "================================================================================\n",
+            "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
+        )
+    };
+}
+
 /// A ROS 2 message.
 pub trait Message {
     /// Its name, as in `geometry_msgs/msg/WrenchStamped`.
@@ -27,10 +39,13 @@ pub trait Message {
 pub struct Stamp(pub i64);
 
 impl Stamp {
-    fn write(self, cdr: &mut Cdr) {
+    /// A message's bytes as they begin: with a header of this instant, in this frame.
+    fn header(self, frame_id: &str) -> Cdr {
         const SECOND_NS: i64 = 1_000_000_000;
+        let mut cdr = Cdr::new();
         let seconds = self.0.div_euclid(SECOND_NS).clamp(i32::MIN.into(), i32::MAX.into());
-        cdr.i32(seconds as i32).u32(self.0.rem_euclid(SECOND_NS) as u32);
+        cdr.i32(seconds as i32).u32(self.0.rem_euclid(SECOND_NS) as u32).string(frame_id);
+        cdr
     }
 }
 
@@ -54,16 +69,11 @@ impl Message for WrenchStamped {
         "MSG: geometry_msgs/Wrench\nVector3 force\nVector3 torque\n",
         "================================================================================\n",
         "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n",
-        "================================================================================\n",
-        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
-        "================================================================================\n",
-        "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
+        header!(),
     );
 
     fn cdr(&self) -> Vec<u8> {
-        let mut cdr = Cdr::new();
-        self.stamp.write(&mut cdr);
-        cdr.string(&self.frame_id);
+        let mut cdr = self.stamp.header(&self.frame_id);
         self.wrench.iter().for_each(|value| {
             cdr.f64(*value);
         });
@@ -117,16 +127,12 @@ impl Message for DiagnosticArray {
         "MSG: diagnostic_msgs/DiagnosticStatus\nbyte level\nstring name\nstring message\nstring hardware_id\nKeyValue[] values\n",
         "================================================================================\n",
         "MSG: diagnostic_msgs/KeyValue\nstring key\nstring value\n",
-        "================================================================================\n",
-        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
-        "================================================================================\n",
-        "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
+        header!(),
     );
 
     fn cdr(&self) -> Vec<u8> {
-        let mut cdr = Cdr::new();
-        self.stamp.write(&mut cdr);
-        cdr.string("").u32(self.status.len() as u32);
+        let mut cdr = self.stamp.header("");
+        cdr.u32(self.status.len() as u32);
         for status in &self.status {
             cdr.u8(status.level as u8)
                 .string(&status.name)
@@ -167,16 +173,12 @@ impl Message for CanFrame {
     const TYPE_HASH: &'static str = "TypeHashNotSupported";
     const DEFINITION: &'static str = concat!(
         "std_msgs/Header header\nuint32 id\nbool is_rtr\nbool is_extended\nbool is_error\nuint8 dlc\nuint8[8] data\n",
-        "================================================================================\n",
-        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
-        "================================================================================\n",
-        "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
+        header!(),
     );
 
     fn cdr(&self) -> Vec<u8> {
-        let mut cdr = Cdr::new();
-        self.stamp.write(&mut cdr);
-        cdr.string(&self.frame_id).u32(self.id);
+        let mut cdr = self.stamp.header(&self.frame_id);
+        cdr.u32(self.id);
         cdr.bool(self.is_remote).bool(self.is_extended).bool(self.is_error).u8(self.length);
         self.data.iter().for_each(|byte| {
             cdr.u8(*byte);
@@ -207,16 +209,12 @@ impl Message for FdFrame {
     const TYPE_HASH: &'static str = "TypeHashNotSupported";
     const DEFINITION: &'static str = concat!(
         "std_msgs/Header header\nuint32 id\nbool is_extended\nbool is_error\nuint8 len\nuint8[<=64] data\n",
-        "================================================================================\n",
-        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
-        "================================================================================\n",
-        "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
+        header!(),
     );
 
     fn cdr(&self) -> Vec<u8> {
-        let mut cdr = Cdr::new();
-        self.stamp.write(&mut cdr);
-        cdr.string(&self.frame_id).u32(self.id);
+        let mut cdr = self.stamp.header(&self.frame_id);
+        cdr.u32(self.id);
         let data = &self.data[..self.data.len().min(64)];
         cdr.bool(self.is_extended).bool(self.is_error).u8(data.len() as u8).u32(data.len() as u32);
         data.iter().for_each(|byte| {

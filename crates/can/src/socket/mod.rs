@@ -123,7 +123,7 @@ impl SocketSource {
                 continue;
             }
             port.retry_at = now + RETRY;
-            // Looked for first: what says that there is none has its name.
+            // Asked for first: the error that says that there is none would be allocated.
             if sys::interface(&port.name).is_some()
                 && let Ok((socket, _)) = open_receiver(&port.name, &port.options)
             {

@@ -64,7 +64,7 @@ impl SocketSender {
     fn send_chunk(&mut self, frames: &[Frame]) -> usize {
         if self.socket.is_none() && Instant::now() >= self.retry_at {
             self.retry_at = Instant::now() + RETRY;
-            // Looked for first: what says that there is none has its name.
+            // Asked for first: the error that says that there is none would be allocated.
             self.socket = sys::interface(&self.name).and_then(|_| open(&self.name).ok());
         }
         let Some(socket) = &self.socket else {
